@@ -1,0 +1,53 @@
+# Every command of the project. PYTHON chooses the interpreter, VENV the environment, ARGS goes to dronecombat.
+PYTHON ?= python3
+VENV ?= .venv
+ARGS ?=
+
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help train-ippo test test-slow check format bench clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+train-ippo: $(VENV)/.runtime ## train attacker and defender with IPPO (ARGS="--train.seed 1" adds flags)
+	$(BIN)/dronecombat train --preset laptop --name ippo $(ARGS)
+
+test: $(VENV)/.dev ## the fast tests
+	$(BIN)/python -m pytest $(ARGS)
+
+test-slow: $(VENV)/.dev ## the tests that take minutes
+	$(BIN)/python -m pytest -m slow $(ARGS)
+
+check: $(VENV)/.dev ## ruff, pyright and the import linter
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/lint-imports
+
+format: $(VENV)/.dev ## let ruff format and repair
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: $(VENV)/.runtime ## measure throughput on this machine
+	$(BIN)/dronecombat bench $(ARGS)
+
+clean: ## remove the environment and every cache; runs/ stays
+	rm -rf $(VENV) .cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist
+	find dronecombat_jax tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamps are newer than what they were made from, or the environment is made anew.
+$(VENV)/.runtime: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; (3, 11) <= sys.version_info < (3, 14) or sys.exit("error: $(PYTHON) is Python %d.%d; 3.11, 3.12 (recommended) or 3.13 is needed: make PYTHON=python3.12 ..." % sys.version_info[:2])'
+	@echo "making $(VENV) with $(PYTHON); the packages are large, the first time takes minutes"
+	@rm -f $(VENV)/.runtime $(VENV)/.dev
+	$(PYTHON) -m venv --clear $(VENV)
+	$(PIP) install -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.runtime
+	$(PIP) install -c constraints.txt -e '.[dev]'
+	@touch $@

@@ -1,0 +1,7 @@
+"""`python -m dronecombat_jax` is `dronecombat`."""
+
+import sys
+
+from dronecombat_jax.cli import main
+
+sys.exit(main())

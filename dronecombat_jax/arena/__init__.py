@@ -1,0 +1,1 @@
+"""Fights between trained pilots: matches, tournaments, ratings and statistics."""

@@ -1,0 +1,120 @@
+"""Batched fights between two pilots, without learning: who wins, how, how fast.
+
+A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]`; trained
+policies and scripted pilots are the same to a match. Many policies against many: `tournament`.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.learn.networks import forward
+from dronecombat_jax.learn.normalize import normalize
+from dronecombat_jax.types import (
+    ATTACKER,
+    DEFENDER,
+    Cause,
+    EnvState,
+    FightRecord,
+    FightResult,
+    Learner,
+    Policy,
+    Trajectory,
+)
+
+Pilot = Callable[[EnvState, jax.Array, jax.Array], jax.Array]
+
+
+def policy_of(learner: Learner) -> Policy:
+    """What flies, out of what learns; any leading axes."""
+    return Policy(learner.parameters.policy, learner.parameters.log_std, learner.observation_scaler)
+
+
+def policy_pilot(learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False) -> Pilot:
+    """Fly `policy` as `role`: its mean action, or a draw from it."""
+
+    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
+        own = observation[:, role]
+        scaled = normalize(policy.observation_scaler, own) if learn.normalize_observations else own
+        mean = forward(policy.network, scaled)
+        if not stochastic:
+            return mean
+        log_std = jnp.clip(policy.log_std, learn.min_log_std, learn.max_log_std)
+        return mean + jnp.exp(log_std) * jax.random.normal(key, mean.shape)
+
+    return act
+
+
+def start_fights(combat: Combat, key: jax.Array, num_fights: int) -> EnvState:
+    """The start states [E, ...] of a match; the same key gives the same fights to every pair."""
+    return jax.vmap(combat.spawn)(combat.draw(key, (num_fights,)))
+
+
+def fight(combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key: jax.Array) -> FightResult:
+    """Fight all of `start` [E, ...] to the end; stops when the last one has ended."""
+
+    def running(carry: tuple) -> jax.Array:
+        return jnp.any(carry[1].cause == Cause.NONE)
+
+    def advance(carry: tuple) -> tuple:
+        state, result, step = carry
+        state, result, _ = _advance(combat, defender, attacker, state, result, jax.random.fold_in(key, step))
+        return state, result, step + 1
+
+    carry = (start, _no_result(start), jnp.zeros((), jnp.int32))
+    return jax.lax.while_loop(running, advance, carry)[1]
+
+
+def record(combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key: jax.Array) -> FightRecord:
+    """Like `fight`, keeping every step: `episode_steps` of them."""
+
+    def advance(carry: tuple, step: jax.Array) -> tuple:
+        state, result = carry
+        state, result, action = _advance(combat, defender, attacker, state, result, jax.random.fold_in(key, step))
+        return (state, result), (state.qpos, state.qvel, jnp.clip(action, -1.0, 1.0))
+
+    steps = jnp.arange(combat.config.game.episode_steps)
+    (_, result), (qpos, qvel, action) = jax.lax.scan(advance, (start, _no_result(start)), steps)
+    return FightRecord(qpos, qvel, action, start, result)
+
+
+def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
+    """One fight of a record, cut at its end, its start state first."""
+    steps = int(fights.result.steps[index])
+    first = lambda start, path: np.concatenate([np.asarray(start)[index][None], np.asarray(path)[:steps, index]])  # noqa: E731
+    action = np.asarray(fights.action)[:steps, index]
+    return Trajectory(
+        time=np.arange(steps + 1) * combat.config.control_dt,
+        qpos=first(fights.start.qpos, fights.qpos),
+        qvel=first(fights.start.qvel, fights.qvel),
+        action=np.concatenate([action, action[-1:]]),
+        target=np.asarray(fights.start.target)[index],
+        cause=int(fights.result.cause[index]),
+        control_dt=combat.config.control_dt,
+    )
+
+
+def _advance(
+    combat: Combat, defender: Pilot, attacker: Pilot, state: EnvState, result: FightResult, key: jax.Array
+) -> tuple[EnvState, FightResult, jax.Array]:
+    observation = jax.vmap(combat.observe)(state)
+    keys = jax.random.split(key)
+    pilots = {DEFENDER: defender, ATTACKER: attacker}
+    action = jnp.stack([pilots[role](state, observation, keys[role]) for role in sorted(pilots)], axis=1)
+    after, output = jax.vmap(combat.step)(state, action)
+    on = result.cause == Cause.NONE
+    keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)  # noqa: E731
+    now = FightResult(output.cause, result.steps + 1, after.out & ~_absent(combat))
+    return jax.tree.map(keep, after, state), jax.tree.map(keep, now, result), action
+
+
+def _absent(combat: Combat) -> jax.Array:
+    return jnp.asarray([combat.config.game.scenario == "solo", False])
+
+
+def _no_result(start: EnvState) -> FightResult:
+    return FightResult(jnp.zeros_like(start.clock), jnp.zeros_like(start.clock), jnp.zeros_like(start.out))

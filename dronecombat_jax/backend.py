@@ -1,0 +1,236 @@
+"""Settles what JAX and MuJoCo read from the environment, before they start, and says what they run on.
+
+What lives here: devices, XLA flags, caches, known-bad versions, the banner, whether pictures can be
+rendered. What does not: checks of a whole machine (`doctor`). Nothing at module level imports JAX or
+MuJoCo: both read the environment once, while they are imported.
+"""
+
+import contextlib
+import ctypes
+import hashlib
+import io
+import os
+import platform
+import sys
+import warnings
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+
+from dronecombat_jax import preflight
+from dronecombat_jax.errors import UserError
+
+BAD_JAX = {
+    "0.10.2": "silently wrong vmapped matrix-vector products on a CPU (jax#39103)",
+    "0.11.0": "a scan's outputs take quadratic time on a CPU, and NaN on some GPUs",
+    "0.11.1": "a scan's outputs take quadratic time on a CPU, and NaN on some GPUs",
+}
+DEADLOCK_FLAG = "--xla_cpu_enable_concurrency_optimized_scheduler"
+PLUGINS = {"gpu": ("jax_cuda13_plugin", "jax_cuda12_plugin", "jax_rocm7_plugin"), "tpu": ("libtpu",)}
+RENDERING_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
+
+_set_by_us: dict[str, str] = {}
+
+
+def prepare(device: str = "auto") -> None:
+    """Set up JAX and MuJoCo for `device`: auto, cpu, gpu or tpu. Call it before either is imported.
+
+    Where the user has set a variable, it stays; only a `device` asked for by name wins over JAX_PLATFORMS.
+    Raises UserError (exit 2) for a known-bad jax and for a device that is not there.
+    """
+    refuse_bad_jax()
+    platforms = _platforms(device)
+    _prepare_xla(device)
+    _prepare_jax(platforms)
+    _prepare_mujoco()
+    if device in PLUGINS:
+        _require_devices(device)
+
+
+def refuse_bad_jax() -> None:
+    """Raise UserError (exit 2) for the versions of jax that compute wrong numbers or crawl."""
+    version = metadata.version("jax")
+    if version in BAD_JAX:
+        good = "0.10.1" if sys.version_info < (3, 12) else "0.12.0.1"
+        raise UserError(
+            f"jax {version} cannot be used: {BAD_JAX[version]}. Fix: pip install 'jax=={good}' 'jaxlib=={good}'"
+        )
+
+
+def import_mjx():
+    """The module `mujoco.mjx`, imported without its greeting: stdout belongs to the commands."""
+    with contextlib.redirect_stdout(io.StringIO()) as greeting:
+        from mujoco import mjx
+    for line in greeting.getvalue().splitlines():
+        if not line.startswith("Failed to import"):  # warp, which MJX can use and we do not
+            print(line, file=sys.stderr)
+    return mjx
+
+
+def banner() -> list[str]:
+    """Lines that name machine, devices, versions and what `prepare` set. Starts JAX."""
+    import jax
+
+    names = [f"{device.platform}:{device.id} ({device.device_kind})" for device in jax.devices()]
+    packages = ("jax", "jaxlib", "mujoco", "mujoco-mjx")
+    versions = [f"python {platform.python_version()}", *(f"{name} {metadata.version(name)}" for name in packages)]
+    ours = [f"{name}={value}" for name, value in _set_by_us.items()]
+    return [
+        f"machine   {machine()}",
+        f"devices   {', '.join(names)}",
+        f"versions  {', '.join(versions)}",
+        f"set by us {', '.join(ours) or 'nothing'}",
+    ]
+
+
+def machine() -> str:
+    """Processor, cores that this process may use, and memory, in words."""
+    try:
+        cores = len(os.sched_getaffinity(0))
+    except AttributeError:  # not on macOS
+        cores = os.cpu_count() or 1
+    memory = preflight.machine_bytes()
+    size = f"{memory / 2**30:.1f} GiB of memory" if memory else "unknown memory"
+    return f"{_cpu()[0]}, {cores} cores, {size}"
+
+
+def cache_dir() -> Path:
+    """Folder of compiled programs: $DRONECOMBAT_CACHE, else `dronecombat` in the user's cache folder."""
+    if chosen := os.environ.get("DRONECOMBAT_CACHE"):
+        return Path(chosen).expanduser().absolute()
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dronecombat"
+
+
+def rendering_fault() -> str | None:
+    """None where MuJoCo can render here, else one line that names the Debian packages to install."""
+    import mujoco
+
+    fault = f"MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}"
+    try:
+        context = mujoco.GLContext(16, 16)
+        context.make_current()
+        context.free()
+        return None
+    except Exception as error:  # whatever the driver's bindings raise; AttributeError where MUJOCO_GL is off
+        if hasattr(mujoco, "GLContext"):
+            fault = " ".join(str(error).split())[:80]
+    return f"no picture can be rendered ({fault}); on Debian and Ubuntu: apt-get install {RENDERING_PACKAGES}"
+
+
+def doctor() -> int:
+    """Print the table of `dronecombat doctor`; 0 if all is well, else 2."""
+    from dronecombat_jax.doctor import print_table
+
+    return print_table()
+
+
+def _platforms(device: str) -> str | None:
+    """The value of JAX_PLATFORMS for `device`; None to leave it alone."""
+    if device not in PLUGINS:
+        return "cpu" if device == "cpu" else None
+    found = [name for name in PLUGINS[device] if find_spec(name)]
+    if not found:
+        extra = "cuda12" if device == "gpu" else "tpu"
+        raise UserError(
+            f"device {device}: this JAX cannot drive one (no {' or '.join(PLUGINS[device])}). "
+            f"Fix: pip install 'jax[{extra}]=={metadata.version('jax')}', or --run.device cpu"
+        )
+    kind = "tpu" if device == "tpu" else "rocm" if "rocm" in found[0] else "cuda"
+    return f"{kind},cpu"
+
+
+def _prepare_xla(device: str) -> None:
+    """Two faults of XLA's CPU runtime in jax 0.10: it deadlocks on two cores, and it cries wolf."""
+    release = tuple(int(part) for part in metadata.version("jax").split(".")[:2])
+    if release >= (0, 11) or device in PLUGINS:
+        return
+    flags = os.environ.get("XLA_FLAGS", "")
+    if DEADLOCK_FLAG not in flags:
+        if "jax" in sys.modules:
+            warnings.warn("JAX was imported before prepare(): if it has computed already, it may hang", stacklevel=3)
+        os.environ["XLA_FLAGS"] = f"{flags} {DEADLOCK_FLAG}=false".strip()
+        _set_by_us["XLA_FLAGS"] = f"{DEADLOCK_FLAG}=false"
+    # Every program from the cache logs a page of errors about tuning flags that are no CPU features.
+    if "TF_CPP_MIN_LOG_LEVEL" not in os.environ:
+        _set("TF_CPP_MIN_LOG_LEVEL", "3")
+
+
+def _prepare_jax(platforms: str | None) -> None:
+    """Platforms, and the persistent cache of compiled programs, every one of them."""
+    chosen: dict[str, str | float | int] = {}
+    if platforms:
+        os.environ.pop("JAX_PLATFORMS", None)
+        chosen["jax_platforms"] = platforms
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        folder = cache_dir() / "xla" / _fingerprint()
+        if _writable(folder):
+            chosen["jax_compilation_cache_dir"] = str(folder)
+            chosen["jax_persistent_cache_min_compile_time_secs"] = 0.0
+            chosen["jax_persistent_cache_min_entry_size_bytes"] = 0
+        else:
+            _set_by_us["JAX_COMPILATION_CACHE_DIR"] = f"(no cache: cannot write {folder})"
+    for name, value in chosen.items():
+        if name.upper() in os.environ:
+            continue
+        _set(name.upper(), str(value))
+        if "jax" in sys.modules:  # it has read the environment already
+            sys.modules["jax"].config.update(name, value)
+
+
+def _prepare_mujoco() -> None:
+    """Render through EGL where there is no display. TRAP: without libEGL `import mujoco` itself would die."""
+    if platform.system() != "Linux" or "mujoco" in sys.modules:
+        return
+    shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    wanted = os.environ.get("MUJOCO_GL") or ("" if shown else "egl")
+    if wanted.lower().strip() != "egl":
+        return
+    value = "egl" if _loads("libEGL.so.1") else "off"
+    if os.environ.get("MUJOCO_GL") != value:
+        _set("MUJOCO_GL", value)
+
+
+def _require_devices(device: str) -> None:
+    import jax
+
+    try:
+        jax.devices(device)
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())[:160]
+        raise UserError(f"device {device}: there is none on this machine ({reason})") from None
+
+
+def _set(variable: str, value: str) -> None:
+    os.environ[variable] = _set_by_us[variable] = value
+
+
+def _fingerprint() -> str:
+    """Version and processor: a program compiled for another processor may die of an illegal instruction."""
+    digest = hashlib.sha256("\n".join(_cpu()).encode()).hexdigest()[:12]
+    return f"jax-{metadata.version('jaxlib')}-{digest}"
+
+
+def _cpu() -> tuple[str, str]:
+    """Model and feature flags of the processor, as Linux tells them."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    entries = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    return entries.get("model name") or platform.machine(), entries.get("flags") or entries.get("Features", "")
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True

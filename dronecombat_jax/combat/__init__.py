@@ -1,0 +1,1 @@
+"""The game: rules, observation, reward and the environment."""

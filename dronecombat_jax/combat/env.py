@@ -1,0 +1,109 @@
+"""The environment: `reset` and `step` of one fight over MJX, to be used under `jax.vmap`.
+
+Rules, observation and reward live beside it as plain array functions; learning lives in `learn`.
+"""
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.combat.observe import observe_ego, observe_world
+from dronecombat_jax.combat.reward import reward_terms, total
+from dronecombat_jax.combat.rules import detect, judge, timeout_decides
+from dronecombat_jax.config import Config
+from dronecombat_jax.sim.flight import build_step, split
+from dronecombat_jax.sim.scene import Scene, load_scene
+from dronecombat_jax.types import NUM_AGENTS, Cause, EnvState, StepOutput
+
+# Start positions of defender, attacker and target in m; the altitudes are drawn (SPEC 2).
+START = ((0.0, 5.0), (0.0, 0.0), (5.0, 5.0))
+ARENA_HALF_WIDTH = 5.0
+NUM_DRAWS = 9  # three positions
+
+# A body state beyond this is a diverged simulation: no drone gets there in one episode.
+MAX_COORDINATE = 1e4
+
+
+class Combat:
+    """One fight between two drones. Holds the scene and the settings; every method is pure.
+
+    `reset` and `step` act on one environment; use `jax.vmap` for many and `jax.jit` around it.
+    """
+
+    def __init__(self, config: Config, scene: Scene | None = None):
+        self.config = config
+        self.scene = scene or load_scene(config.sim)
+        self._fly = build_step(config.sim, self.scene)
+        self._observe = observe_world if config.game.observation == "world" else observe_ego
+
+    def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+        """Uniform numbers `[*shape, 9]` in [0, 1), enough to `spawn` that many fights."""
+        return jax.random.uniform(key, (*shape, NUM_DRAWS))
+
+    def spawn(self, draws: jax.Array, absent_defender: jax.Array | bool = False) -> EnvState:
+        """A fight about to start, from `draws` [9] in [0, 1).
+
+        `absent_defender`: the attacker flies alone; the defender stands still at its start and takes no part.
+        """
+        game = self.config.game
+        draws = draws.reshape(3, 3)
+        altitude = game.spawn_altitude_low + draws[:, 2] * (game.spawn_altitude_high - game.spawn_altitude_low)
+        plane = jnp.asarray(START)
+        if game.spawn == "uniform":
+            plane = ARENA_HALF_WIDTH * (2.0 * draws[:, :2] - 1.0)
+        positions = jnp.concatenate([plane, altitude[:, None]], axis=-1)
+        level = jnp.asarray([1.0, 0.0, 0.0, 0.0])
+        pose = jnp.concatenate([positions[:NUM_AGENTS], jnp.broadcast_to(level, (NUM_AGENTS, 4))], axis=-1)
+        absent = jnp.asarray(absent_defender, bool) | (game.scenario == "solo")
+        return EnvState(
+            qpos=pose.reshape(-1),
+            qvel=jnp.zeros(6 * NUM_AGENTS),
+            target=positions[NUM_AGENTS],
+            clock=jnp.zeros((), jnp.int32),
+            out=jnp.stack([absent, jnp.zeros_like(absent)]),
+        )
+
+    def reset(self, key: jax.Array) -> EnvState:
+        """A fight about to start, drawn from `key`."""
+        return self.spawn(self.draw(key, ()))
+
+    def observe(self, state: EnvState) -> jax.Array:
+        """Observation [A, 35] of the state (SPEC 3)."""
+        return self._observe(split(state.qpos, state.qvel), state.target)
+
+    def step(self, state: EnvState, action: jax.Array) -> tuple[EnvState, StepOutput]:
+        """Fly one control step with `action` [A, 4]. Does not reset: a fight that ended must be replaced.
+
+        A state that is not finite ends this fight alone, as a draw with reward 0 (cause DIVERGED).
+        """
+        game = self.config.game
+        before = split(state.qpos, state.qvel)
+        qpos, qvel = self._fly(state.qpos, state.qvel, action)
+        sane = _sane(qpos) & _sane(qvel)
+        qpos = jnp.where(sane & ~jnp.repeat(state.out, 7), qpos, state.qpos)
+        qvel = jnp.where(sane & ~jnp.repeat(state.out, 6), qvel, state.qvel)
+        drones = split(qpos, qvel)
+        clock = state.clock + 1
+
+        events = detect(game, before.position, drones.position, state.target, state.out, clock)
+        cause = jnp.where(sane, judge(game, events), jnp.int32(Cause.DIVERGED))
+        terms = reward_terms(self.config, drones, state.target, events, state.out, cause)
+        terms = jax.tree.map(lambda term: jnp.where(sane, term, 0.0), terms)
+
+        # A drone that goes down stays where it is, at rest.
+        at_rest = jnp.where(jnp.repeat(events.down, 6), 0.0, qvel)
+        after = state.replace(qpos=qpos, qvel=at_rest, clock=clock, out=events.down)
+        truncated = (cause == Cause.TIMEOUT) & (not timeout_decides(game))
+        output = StepOutput(
+            observation=self.observe(after),
+            reward=total(terms),
+            reward_terms=terms,
+            cause=cause,
+            terminated=(cause != Cause.NONE) & ~truncated,
+            truncated=truncated,
+        )
+        return after, output
+
+
+def _sane(values: jax.Array) -> jax.Array:
+    """Whether all values are finite and within reach; NaN compares false."""
+    return jnp.all(jnp.abs(values) < MAX_COORDINATE)

@@ -1,0 +1,58 @@
+"""The observation vector of eq. 5. Plain arrays of one fight."""
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.sim.rotation import conjugate, multiply, rotate, rotate_inverse
+from dronecombat_jax.types import NUM_AGENTS, Drones
+
+# Name and length of each part, in order. In the "ego" observation d reads "self" and a "other".
+LAYOUT = (
+    ("p_d", 3), ("q_d", 4), ("p_a", 3), ("q_a", 4), ("p_t", 3),
+    ("v_d", 3), ("w_d", 3), ("v_a", 3), ("w_a", 3), ("g_d", 3), ("g_a", 3),
+)  # fmt: skip
+
+DOWN = (0.0, 0.0, -1.0)
+
+
+def observe_world(drones: Drones, target: jax.Array) -> jax.Array:
+    """Observation [A, 35], the same row for both agents (eq. 5).
+
+    Positions and quaternions in the world frame; velocities, rates and unit gravity in each
+    drone's body frame. `drones` fields are [A, ...], `target` is [3] m.
+    """
+    velocity = rotate_inverse(drones.quaternion, drones.velocity)
+    gravity = rotate_inverse(drones.quaternion, jnp.broadcast_to(jnp.asarray(DOWN), (NUM_AGENTS, 3)))
+    pose = jnp.concatenate([drones.position, drones.quaternion], axis=-1).reshape(-1)
+    twist = jnp.concatenate([velocity, drones.rate], axis=-1).reshape(-1)
+    row = jnp.concatenate([pose, target, twist, gravity.reshape(-1)])
+    return jnp.broadcast_to(row, (NUM_AGENTS, row.shape[0]))
+
+
+def observe_ego(drones: Drones, target: jax.Array) -> jax.Array:
+    """Observation [A, 35], each row in the observing drone's own body frame: self first, then the other.
+
+    Own position and quaternion stay in the world frame (altitude and attitude are absolute); the
+    other's position and the target are relative and rotated into the own frame, as are the
+    other's attitude (own^-1 * other), velocity and rate; each gravity is in its drone's own frame.
+    """
+    other = Drones(*(jnp.flip(field, axis=0) for field in drones))
+    own = drones.quaternion
+    into = lambda vector: rotate_inverse(own, vector)  # noqa: E731
+    gravity = rotate_inverse(own, jnp.broadcast_to(jnp.asarray(DOWN), (NUM_AGENTS, 3)))
+    return jnp.concatenate(
+        [
+            drones.position,
+            own,
+            into(other.position - drones.position),
+            multiply(conjugate(own), other.quaternion),
+            into(target - drones.position),
+            into(drones.velocity),
+            drones.rate,
+            into(other.velocity),
+            into(rotate(other.quaternion, other.rate)),
+            gravity,
+            jnp.flip(gravity, axis=0),
+        ],
+        axis=-1,
+    )

@@ -1,0 +1,1 @@
+"""IPPO: networks, normalisation, the PPO update and one training iteration."""

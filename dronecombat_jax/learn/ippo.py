@@ -1,0 +1,243 @@
+"""One training iteration of IPPO: collect, estimate advantages, update each learner on its own. SPEC 5."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.learn import ppo
+from dronecombat_jax.learn.networks import (
+    bounded_log_std,
+    forward,
+    gaussian_entropy,
+    gaussian_log_prob,
+    init_parameters,
+)
+from dronecombat_jax.learn.normalize import denormalize, init_scaler, normalize, update_scaler
+from dronecombat_jax.learn.rollout import collect, scaled, select
+from dronecombat_jax.types import (
+    NUM_AGENTS,
+    OBSERVATION_SIZE,
+    Batch,
+    Cause,
+    EnvState,
+    IterationMetrics,
+    Learner,
+    Parameters,
+    Transition,
+    UpdateMetrics,
+)
+
+
+class IterationKeys(NamedTuple):
+    """The random numbers of one iteration, by purpose; each used once."""
+
+    noise: jax.Array
+    spawn: jax.Array
+    shuffle: jax.Array
+
+
+def optimizer(learn: LearnConfig) -> optax.GradientTransformation:
+    """Joint global-norm clip, then Adam's direction; the learning rate is applied by the update."""
+    return optax.chain(optax.clip_by_global_norm(learn.max_grad_norm), optax.scale_by_adam(eps=1e-8))
+
+
+def init_learner(key: jax.Array, learn: LearnConfig) -> Learner:
+    """One agent before training."""
+    parameters = init_parameters(key, learn)
+    return Learner(
+        parameters=parameters,
+        optimizer=optimizer(learn).init(parameters),
+        observation_scaler=init_scaler((OBSERVATION_SIZE,)),
+        value_scaler=init_scaler(()),
+        learning_rate=jnp.asarray(learn.learning_rate, jnp.float32),
+    )
+
+
+def iterate(
+    combat: Combat,
+    learners: Learner,
+    env: EnvState,
+    keys: IterationKeys,
+    learning: jax.Array,
+    absent_defender: jax.Array | bool,
+) -> tuple[Learner, EnvState, IterationMetrics]:
+    """One iteration. `learning` [A] bool: an agent that does not learn keeps every bit of its state."""
+    learn = combat.config.learn
+    env, rollout = collect(combat, learners, env, keys.noise, keys.spawn, absent_defender)
+    updated, metrics = [], []
+    for agent in range(NUM_AGENTS):
+        learner = select(learners, agent)
+        update = lambda learner, agent=agent: update_learner(  # noqa: E731
+            learn, learner, rollout, agent, jax.random.fold_in(keys.shuffle, agent)
+        )
+        skip = lambda learner: (learner, jax.tree.map(jnp.zeros_like, jax.eval_shape(update, learner)[1]))  # noqa: E731
+        learner, metric = jax.lax.cond(learning[agent], update, skip, learner)
+        updated.append(learner)
+        metrics.append(metric)
+    stack = lambda *leaves: jnp.stack(leaves)  # noqa: E731
+    report = summarize(rollout, absent_defender, jax.tree.map(stack, *metrics))
+    return jax.tree.map(stack, *updated), env, report
+
+
+def update_learner(
+    learn: LearnConfig, learner: Learner, rollout: Transition, agent: int, key: jax.Array
+) -> tuple[Learner, UpdateMetrics]:
+    """Update one agent on its own part of the rollout; observation statistics move afterwards, once."""
+    observation = rollout.observation[:, :, agent]
+    value, next_value = estimate_values(learn, learner, rollout, agent)
+    learner, batch = prepare_batch(
+        learn,
+        learner,
+        observation=scaled(learn, learner, observation),
+        action=rollout.action[:, :, agent],
+        log_prob=rollout.log_prob[:, :, agent],
+        reward=rollout.reward[:, :, agent],
+        value=value,
+        next_value=next_value,
+        terminated=rollout.terminated,
+        truncated=rollout.truncated,
+    )
+    learner, metrics = optimize(learn, learner, batch, key)
+    return learner.replace(observation_scaler=update_scaler(learner.observation_scaler, observation)), metrics
+
+
+def estimate_values(
+    learn: LearnConfig, learner: Learner, rollout: Transition, agent: int
+) -> tuple[jax.Array, jax.Array]:
+    """Value of every state and of every state's successor, both [T, N] on the reward's scale.
+
+    The successor of a truncated step is its final observation. Where no fight of a time step was
+    truncated, the next step's value serves, and the second pass is skipped.
+    """
+
+    def evaluate(observation: jax.Array) -> jax.Array:
+        value = forward(learner.parameters.value, scaled(learn, learner, observation))[..., 0]
+        return denormalize(learner.value_scaler, value) if learn.normalize_values else value
+
+    value = evaluate(rollout.observation[:, :, agent])
+    final = rollout.final_observation[:, :, agent]
+    following = jnp.concatenate([value[1:], evaluate(final[-1])[None]])
+    if not learn.bootstrap_timeout:
+        return value, following
+
+    def successor(step: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
+        truncated, final, following = step
+        bootstrap = lambda: jnp.where(truncated, evaluate(final), following)  # noqa: E731
+        return jax.lax.cond(jnp.any(truncated), bootstrap, lambda: following)
+
+    return value, jax.lax.map(successor, (rollout.truncated, final, following))
+
+
+def prepare_batch(
+    learn: LearnConfig,
+    learner: Learner,
+    *,
+    observation: jax.Array,
+    action: jax.Array,
+    log_prob: jax.Array,
+    reward: jax.Array,
+    value: jax.Array,
+    next_value: jax.Array,
+    terminated: jax.Array,
+    truncated: jax.Array,
+) -> tuple[Learner, Batch]:
+    """Advantages and normalised value targets; all arguments [T, N, ...], `observation` already scaled.
+
+    The value scaler takes in the old values, then the returns, and normalises each right after, as
+    skrl does. Without `bootstrap_timeout` a truncated step counts as an end.
+    """
+    ends = terminated if learn.bootstrap_timeout else terminated | truncated
+    done = terminated | truncated
+    advantage = ppo.generalized_advantages(reward, value, next_value, ends, done, learn.discount, learn.gae_lambda)
+    target = advantage + value
+    if learn.normalize_values:
+        scaler = update_scaler(learner.value_scaler, value)
+        value = normalize(scaler, value)
+        scaler = update_scaler(scaler, target)
+        target = normalize(scaler, target)
+        learner = learner.replace(value_scaler=scaler)
+    return learner, Batch(observation, action, log_prob, ppo.normalize_advantages(advantage), value, target)
+
+
+def optimize(learn: LearnConfig, learner: Learner, batch: Batch, key: jax.Array) -> tuple[Learner, UpdateMetrics]:
+    """`epochs` passes of `minibatches` steps over `batch` [T, N, ...]; the rate adapts after each pass."""
+    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), batch)
+    adam = optimizer(learn)
+
+    def step(carry: tuple, minibatch: Batch):
+        parameters, state, learning_rate = carry
+        gradients, metrics = jax.grad(loss, argnums=1, has_aux=True)(learn, parameters, minibatch)
+        norm = optax.global_norm(gradients)
+        direction, stepped = adam.update(gradients, state, parameters)
+        moved = optax.apply_updates(parameters, jax.tree.map(lambda leaf: -learning_rate * leaf, direction))
+        # A step whose gradient is not finite is skipped: parameters and moments stay as they are.
+        finite = jnp.isfinite(norm)
+        keep = lambda new, old: jnp.where(finite, new, old)  # noqa: E731
+        carry = (jax.tree.map(keep, moved, parameters), jax.tree.map(keep, stepped, state), learning_rate)
+        return carry, (*metrics, norm, ~finite)
+
+    def epoch(carry: tuple, key: jax.Array):
+        carry, metrics = jax.lax.scan(step, carry, cut(learn, flat, key))
+        parameters, state, learning_rate = carry
+        kl = jnp.mean(metrics[3])
+        return (parameters, state, ppo.adapt_learning_rate(learn, learning_rate, kl)), (metrics, kl)
+
+    carry = (learner.parameters, learner.optimizer, learner.learning_rate)
+    carry, (metrics, kl) = jax.lax.scan(epoch, carry, jax.random.split(key, learn.epochs))
+    parameters, state, learning_rate = carry
+    learner = learner.replace(parameters=parameters, optimizer=state, learning_rate=learning_rate)
+    policy_loss, value_loss, entropy, _, clip_fraction, norm, skipped = metrics
+    return learner, UpdateMetrics(
+        policy_loss=jnp.mean(policy_loss),
+        value_loss=jnp.mean(value_loss),
+        entropy=jnp.mean(entropy),
+        kl=kl[-1],
+        clip_fraction=jnp.mean(clip_fraction),
+        grad_norm=jnp.mean(norm),
+        skipped=jnp.sum(skipped, dtype=jnp.int32),
+        learning_rate=learning_rate,
+        explained_variance=ppo.explained_variance(batch.target, batch.value),
+        log_std=jnp.mean(bounded_log_std(parameters, learn)),
+    )
+
+
+def cut(learn: LearnConfig, batch: Batch, key: jax.Array) -> Batch:
+    """Cut a flat batch [B, ...] into mini-batches [M, B / M, ...]: contiguous, or shuffled by `key`."""
+    size = batch.log_prob.shape[0]
+    if learn.minibatch_order == "shuffled":
+        order = jax.random.permutation(key, size)
+        batch = jax.tree.map(lambda leaf: leaf[order], batch)
+    return jax.tree.map(lambda leaf: leaf.reshape(learn.minibatches, -1, *leaf.shape[1:]), batch)
+
+
+def loss(learn: LearnConfig, parameters: Parameters, batch: Batch) -> tuple[jax.Array, tuple]:
+    """The loss of eq. 18 on one mini-batch [B, ...] and what it is made of."""
+    mean = forward(parameters.policy, batch.observation)
+    log_std = bounded_log_std(parameters, learn)
+    log_ratio = gaussian_log_prob(batch.action, mean, log_std) - batch.log_prob
+    value = forward(parameters.value, batch.observation)[..., 0]
+
+    policy_loss = ppo.policy_loss(log_ratio, batch.advantage, learn.clip_ratio)
+    value_loss = ppo.value_loss(value, batch.value, batch.target, learn.clip_value, learn.value_loss)
+    entropy = jnp.mean(gaussian_entropy(log_std))
+    total = policy_loss + learn.value_loss_scale * value_loss - learn.entropy_scale * entropy
+    clipped = jnp.mean(jnp.abs(jnp.expm1(log_ratio)) > learn.clip_ratio)
+    return total, (policy_loss, value_loss, entropy, ppo.approximate_kl(log_ratio), clipped)
+
+
+def summarize(rollout: Transition, absent_defender: jax.Array | bool, learners: UpdateMetrics) -> IterationMetrics:
+    """Count what happened in a rollout; an absent defender has not crashed."""
+    done = rollout.terminated | rollout.truncated
+    down = rollout.out & ~jnp.stack([jnp.asarray(absent_defender), jnp.zeros((), bool)])
+    causes = jnp.sum(jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * done[..., None], axis=(0, 1))
+    return IterationMetrics(
+        causes=causes,
+        crashes=jnp.sum(down & done[..., None], axis=(0, 1), dtype=jnp.int32),
+        episode_steps=jnp.sum(rollout.clock * done, dtype=jnp.int32),
+        reward_terms=jax.tree.map(lambda term: jnp.mean(term, axis=(0, 1)), rollout.reward_terms),
+        learners=learners,
+    )

@@ -1,0 +1,51 @@
+"""Policy and value networks: plain functions on `MLP` and `Parameters`. SPEC 5."""
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.types import ACTION_SIZE, MLP, OBSERVATION_SIZE, Parameters
+
+
+def init_mlp(key: jax.Array, sizes: tuple[int, ...], hidden_gain: float, output_gain: float) -> MLP:
+    """Orthogonal weights, zero biases; `sizes` are the widths from input to output."""
+    gains = [hidden_gain] * (len(sizes) - 2) + [output_gain]
+    weights = tuple(
+        jax.nn.initializers.orthogonal(gain)(jax.random.fold_in(key, i), (fan_in, fan_out), jnp.float32)
+        for i, (gain, fan_in, fan_out) in enumerate(zip(gains, sizes[:-1], sizes[1:], strict=True))
+    )
+    return MLP(weights=weights, biases=tuple(jnp.zeros(size) for size in sizes[1:]))
+
+
+def init_parameters(key: jax.Array, learn: LearnConfig) -> Parameters:
+    """One agent's untrained policy and value."""
+    policy_key, value_key = jax.random.split(key)
+    hidden = (OBSERVATION_SIZE, *learn.hidden_sizes)
+    return Parameters(
+        policy=init_mlp(policy_key, (*hidden, ACTION_SIZE), learn.hidden_gain, learn.policy_output_gain),
+        log_std=jnp.full(ACTION_SIZE, learn.initial_log_std, jnp.float32),
+        value=init_mlp(value_key, (*hidden, 1), learn.hidden_gain, learn.hidden_gain),
+    )
+
+
+def forward(mlp: MLP, x: jax.Array) -> jax.Array:
+    """`x` [..., in] -> [..., out]; ELU between layers, none after the last."""
+    for weight, bias in zip(mlp.weights[:-1], mlp.biases[:-1], strict=True):
+        x = jax.nn.elu(x @ weight + bias)
+    return x @ mlp.weights[-1] + mlp.biases[-1]
+
+
+def gaussian_log_prob(action: jax.Array, mean: jax.Array, log_std: jax.Array) -> jax.Array:
+    """Log-density [...] of `action` [..., 4] under independent Gaussians, summed over dimensions."""
+    deviation = (action - mean) * jnp.exp(-log_std)
+    return jnp.sum(-0.5 * deviation**2 - log_std - 0.5 * jnp.log(2.0 * jnp.pi), axis=-1)
+
+
+def gaussian_entropy(log_std: jax.Array) -> jax.Array:
+    """Entropy in nat of each dimension."""
+    return log_std + 0.5 * jnp.log(2.0 * jnp.pi * jnp.e)
+
+
+def bounded_log_std(parameters: Parameters, learn: LearnConfig) -> jax.Array:
+    """The log standard deviation [4], kept in its bounds."""
+    return jnp.clip(parameters.log_std, learn.min_log_std, learn.max_log_std)

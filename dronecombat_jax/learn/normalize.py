@@ -1,0 +1,36 @@
+"""Running mean and variance of observations and returns, as skrl 1.4.3's RunningStandardScaler."""
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.types import Scaler
+
+EPSILON = 1e-8
+CLIP = 5.0
+
+
+def init_scaler(shape: tuple[int, ...]) -> Scaler:
+    """Mean 0, variance 1, and a count of 1, as skrl starts."""
+    return Scaler(jnp.zeros(shape), jnp.ones(shape), jnp.ones(()))
+
+
+def update_scaler(scaler: Scaler, batch: jax.Array) -> Scaler:
+    """Take in `batch` [..., size] by the parallel-variance rule (Chan et al.), ddof 1 as torch.var."""
+    axes = tuple(range(batch.ndim - scaler.mean.ndim))
+    count = batch.size // max(scaler.mean.size, 1)
+    mean = jnp.mean(batch, axis=axes)
+    variance = jnp.var(batch, axis=axes, ddof=1)
+    total = scaler.count + count
+    delta = mean - scaler.mean
+    m2 = scaler.variance * scaler.count + variance * count + delta**2 * scaler.count * count / total
+    return Scaler(scaler.mean + delta * count / total, m2 / total, total)
+
+
+def normalize(scaler: Scaler, x: jax.Array) -> jax.Array:
+    """(x - mean) / std, clipped to +-5."""
+    return jnp.clip((x - scaler.mean) / (jnp.sqrt(scaler.variance) + EPSILON), -CLIP, CLIP)
+
+
+def denormalize(scaler: Scaler, x: jax.Array) -> jax.Array:
+    """Back to the original scale; `x` is clipped to +-5 first."""
+    return jnp.sqrt(scaler.variance) * jnp.clip(x, -CLIP, CLIP) + scaler.mean

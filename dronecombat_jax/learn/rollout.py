@@ -1,0 +1,98 @@
+"""Collecting experience: both policies fly N fights for T steps, with automatic reset."""
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.learn.networks import bounded_log_std, forward, gaussian_log_prob
+from dronecombat_jax.learn.normalize import normalize
+from dronecombat_jax.types import ACTION_SIZE, NUM_AGENTS, EnvState, Learner, StepOutput, Transition
+
+
+def collect(
+    combat: Combat,
+    learners: Learner,
+    env: EnvState,
+    noise_key: jax.Array,
+    spawn_key: jax.Array,
+    absent_defender: jax.Array | bool = False,
+) -> tuple[EnvState, Transition]:
+    """Fly `rollout_steps` steps in every environment.
+
+    `learners` leaves [A, ...], `env` leaves [N, ...]. All random numbers are drawn before the scan
+    (one call each, and XLA's CPU runtime has deadlocked on draws inside it).
+    """
+    learn = combat.config.learn
+    num_envs = env.clock.shape[0]
+    steps = learn.rollout_steps
+    noise = jax.random.normal(noise_key, (steps, num_envs, NUM_AGENTS, ACTION_SIZE))
+    draws = combat.draw(spawn_key, (steps, num_envs))
+    spawn = jax.vmap(lambda draw: combat.spawn(draw, absent_defender))
+
+    def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
+        noise, draw = random
+        observation = jax.vmap(combat.observe)(env)
+        action, log_prob = act(learn, learners, observation, noise)
+        after, output = jax.vmap(combat.step)(env, action)
+        done = output.terminated | output.truncated
+        following = jax.tree.map(
+            lambda new, old: jnp.where(done.reshape(-1, *[1] * (new.ndim - 1)), new, old), spawn(draw), after
+        )
+        return following, _transition(observation, action, log_prob, output, after)
+
+    return jax.lax.scan(fly, env, (noise, draws))
+
+
+def act(
+    learn: LearnConfig, learners: Learner, observation: jax.Array, noise: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Draw both agents' actions [N, A, 4] and their log-probabilities [N, A].
+
+    `observation` [N, A, 35], `noise` [N, A, 4] standard normal. The log-probability is that of the
+    unclipped Gaussian action, unless `clip_actions` (which stops learning; SPEC 5, trap 5).
+    """
+    actions, log_probs = [], []
+    for agent in range(NUM_AGENTS):  # unrolled: two plain products beat one batched product on a CPU
+        learner = select(learners, agent)
+        mean = policy_mean(learn, learner, observation[:, agent])
+        log_std = bounded_log_std(learner.parameters, learn)
+        action = mean + jnp.exp(log_std) * noise[:, agent]
+        if learn.clip_actions:
+            action = jnp.clip(action, -1.0, 1.0)
+        actions.append(action)
+        log_probs.append(gaussian_log_prob(action, mean, log_std))
+    return jnp.stack(actions, axis=1), jnp.stack(log_probs, axis=1)
+
+
+def policy_mean(learn: LearnConfig, learner: Learner, observation: jax.Array) -> jax.Array:
+    """Mean action [..., 4] for raw observations [..., 35]."""
+    return forward(learner.parameters.policy, scaled(learn, learner, observation))
+
+
+def scaled(learn: LearnConfig, learner: Learner, observation: jax.Array) -> jax.Array:
+    """The observation as the networks see it."""
+    return normalize(learner.observation_scaler, observation) if learn.normalize_observations else observation
+
+
+def select(learners: Learner, agent: int) -> Learner:
+    """One agent's learner out of leaves [A, ...]."""
+    return jax.tree.map(lambda leaf: leaf[agent], learners)
+
+
+def _transition(
+    observation: jax.Array, action: jax.Array, log_prob: jax.Array, output: StepOutput, after: EnvState
+) -> Transition:
+    return Transition(
+        observation=observation,
+        action=action,
+        log_prob=log_prob,
+        reward=output.reward,
+        terminated=output.terminated,
+        truncated=output.truncated,
+        final_observation=output.observation,
+        cause=output.cause,
+        clock=after.clock,
+        out=after.out,
+        reward_terms=output.reward_terms,
+    )

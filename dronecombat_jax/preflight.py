@@ -1,0 +1,145 @@
+"""Rules that need more than one setting, and the memory a run will take, before anything is allocated.
+
+What does not live here: the range of a single setting (`schema`), reading files (`settings`), or
+whether a device exists (`backend`). Nothing imports JAX.
+"""
+
+import math
+import os
+import re
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+from dronecombat_jax.config import Config
+
+OBSERVATION_SIZE = 35  # eq. 5
+ACTION_SIZE = 4
+AGENTS = 2
+PHYSICS_BYTES = 4700  # of MJX's arrays per environment (SPEC 1)
+_NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{0,100}")
+_CGROUP = Path("/sys/fs/cgroup/memory.max")
+
+
+class Problem(NamedTuple):
+    """A rule that is broken: the settings involved, the likeliest culprit first, and the rule."""
+
+    keys: tuple[str, ...]
+    message: str
+
+
+def problems(config: Config) -> list[Problem]:
+    """All rules that `config` breaks; an empty list where it is sound."""
+    return [*_game(config), *_learning(config), *_run(config), *_memory(config)]
+
+
+def estimated_bytes(config: Config) -> int:
+    """Memory for training, an estimate from below: rollout, physics, one mini-batch, learners, pool.
+
+    Floats of four bytes. A transition of an agent holds two observations (the final one is kept), an
+    action and ten scalars, and exists twice while a mini-batch is cut from it. A mini-batch holds three
+    activations per hidden unit in each of two networks. A learner holds weights and Adam's two moments.
+    """
+    learn, train = config.learn, config.train
+    transitions = train.num_envs * learn.rollout_steps
+    rollout = 2 * transitions * AGENTS * (2 * OBSERVATION_SIZE + ACTION_SIZE + 10)
+    minibatch = transitions // learn.minibatches * 6 * sum(learn.hidden_sizes)
+    sizes = (OBSERVATION_SIZE, *learn.hidden_sizes)
+    trunk = sum((rows + 1) * columns for rows, columns in pairwise(sizes))
+    policy, value = trunk + (sizes[-1] + 2) * ACTION_SIZE, trunk + sizes[-1] + 1
+    learners = AGENTS * 3 * (policy + value)
+    pool = policy * (config.num_chunks + 1) if config.selfplay.probability > 0.0 else 0
+    floats = rollout + minibatch + learners + pool
+    return train.num_seeds * (4 * floats + PHYSICS_BYTES * train.num_envs)
+
+
+def machine_bytes() -> int | None:
+    """Memory of this machine or of the container around us; None where it cannot be told."""
+    try:
+        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return None
+    try:
+        return min(total, int(_CGROUP.read_text()))
+    except (OSError, ValueError):  # no cgroup v2, or no limit ("max")
+        return total
+
+
+def _game(config: Config) -> Iterator[Problem]:
+    game = config.game
+    low, high, crash = game.spawn_altitude_low, game.spawn_altitude_high, game.crash_altitude
+    if low > high:
+        yield Problem(
+            ("game.spawn_altitude_low", "game.spawn_altitude_high"),
+            f"game.spawn_altitude_low = {low:g} must not exceed game.spawn_altitude_high = {high:g}",
+        )
+    if crash >= low:
+        yield Problem(
+            ("game.crash_altitude", "game.spawn_altitude_low"),
+            f"game.crash_altitude = {crash:g} must be below game.spawn_altitude_low = {low:g}, or drones start crashed",
+        )
+
+
+def _learning(config: Config) -> Iterator[Problem]:
+    learn = config.learn
+    batch = config.steps_per_iteration
+    if batch % learn.minibatches:
+        yield Problem(
+            ("learn.minibatches", "train.num_envs", "learn.rollout_steps"),
+            f"train.num_envs * learn.rollout_steps = {config.train.num_envs} * {learn.rollout_steps} = {batch} must be a "
+            f"multiple of learn.minibatches = {learn.minibatches}; nearest that fit: {_nearest_batches(config)}",
+        )
+    low, start, high = learn.min_learning_rate, learn.learning_rate, learn.max_learning_rate
+    if low > high or (learn.learning_rate_schedule == "kl" and not low <= start <= high):
+        yield Problem(
+            ("learn.learning_rate", "learn.min_learning_rate", "learn.max_learning_rate"),
+            "learn.min_learning_rate <= learn.learning_rate <= learn.max_learning_rate must hold, "
+            f"but they are {low:g}, {start:g}, {high:g}",
+        )
+    low, start, high = learn.min_log_std, learn.initial_log_std, learn.max_log_std
+    if not low <= start <= high:
+        yield Problem(
+            ("learn.initial_log_std", "learn.min_log_std", "learn.max_log_std"),
+            "learn.min_log_std <= learn.initial_log_std <= learn.max_log_std must hold, "
+            f"but they are {low:g}, {start:g}, {high:g}",
+        )
+
+
+def _run(config: Config) -> Iterator[Problem]:
+    if not _NAME.fullmatch(config.run.name):
+        yield Problem(("run.name",), "run.name must be at most 100 of A-Z a-z 0-9 . _ - and not start with a dot")
+    if not config.run.directory:
+        yield Problem(("run.directory",), "run.directory must not be empty")
+    last = config.train.seed + config.train.num_seeds - 1
+    if last > 2**31 - 1:
+        yield Problem(
+            ("train.seed", "train.num_seeds"),
+            f"the last seed, train.seed + train.num_seeds - 1 = {last}, must be at most {2**31 - 1}",
+        )
+
+
+def _memory(config: Config) -> Iterator[Problem]:
+    needed, there = estimated_bytes(config), machine_bytes()
+    if there is not None and needed > there:
+        train, learn = config.train, config.learn
+        yield Problem(
+            ("train.num_envs", "learn.rollout_steps", "train.num_seeds", "learn.hidden_sizes"),
+            f"train.num_envs = {train.num_envs}, learn.rollout_steps = {learn.rollout_steps}, train.num_seeds = "
+            f"{train.num_seeds} need about {_gibibytes(needed)} of memory, and this machine has {_gibibytes(there)}",
+        )
+
+
+def _nearest_batches(config: Config) -> str:
+    """The neighbours that divide: of `minibatches` with the batch fixed, of `num_envs` otherwise."""
+    batch, wanted, envs = config.steps_per_iteration, config.learn.minibatches, config.train.num_envs
+    fewer = next(n for n in range(min(wanted, batch), 0, -1) if batch % n == 0)
+    more = next((n for n in range(wanted + 1, min(batch, 100_000) + 1) if batch % n == 0), None)
+    step = wanted // math.gcd(wanted, config.learn.rollout_steps)
+    below = envs // step * step
+    counts = f"{below} or {below + step}" if below else f"{step}"
+    return f"learn.minibatches {fewer}{f' or {more}' if more else ''}, train.num_envs {counts}"
+
+
+def _gibibytes(count: int) -> str:
+    return f"{count / 2**30:.3g} GiB" if count < 2**40 else f"{count / 2**30:,.0f} GiB"

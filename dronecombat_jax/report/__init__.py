@@ -1,0 +1,1 @@
+"""Figures, pictures, videos and replays made from what a run left behind."""

@@ -1,0 +1,81 @@
+"""From a program call's metrics to what people read: one flat record per iteration, one progress line."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from dronecombat_jax.combat.rules import outcome_table
+from dronecombat_jax.config import Config
+from dronecombat_jax.runs.progress import ProgressUpdate
+from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Cause, IterationMetrics, Outcome
+
+ENDINGS = tuple(cause for cause in Cause if cause != Cause.NONE)
+
+
+def records(config: Config, report: IterationMetrics, first_iteration: int) -> list[dict[str, Any]]:
+    """One record per iteration and seed, rising; leaves of `report` are NumPy [S, I, ...].
+
+    Shares are of the fights that ended in the iteration and NaN where none did.
+    """
+    seeds, iterations = report.causes.shape[:2]
+    return [
+        _record(config, _pick(report, seed, i), first_iteration + i, config.train.seed + seed)
+        for i in range(iterations)
+        for seed in range(seeds)
+    ]
+
+
+def progress_update(config: Config, report: IterationMetrics, iterations_done: int) -> ProgressUpdate:
+    """What the progress line shows after a call, all its iterations and seeds together."""
+    causes = report.causes.sum(axis=(0, 1))
+    crashes = report.crashes.sum(axis=(0, 1))
+    wins, episodes = _wins(config, causes), causes.sum()
+    chunk = -(-iterations_done // config.train.chunk_iterations)
+    return ProgressUpdate(
+        steps=iterations_done * config.steps_per_iteration * config.train.num_seeds,
+        defender_wins=_share(wins[Outcome.DEFENDER], episodes),
+        attacker_wins=_share(wins[Outcome.ATTACKER], episodes),
+        draws=_share(wins[Outcome.DRAW], episodes),
+        defender_crashes=_share(crashes[DEFENDER], episodes),
+        attacker_crashes=_share(crashes[ATTACKER], episodes),
+        note=f"chunk {chunk}/{config.num_chunks}",
+    )
+
+
+def _record(config: Config, report: IterationMetrics, iteration: int, seed: int) -> dict[str, Any]:
+    episodes = int(report.causes.sum())
+    wins = _wins(config, report.causes)
+    record: dict[str, Any] = {
+        "iteration": iteration + 1,
+        "steps": (iteration + 1) * config.steps_per_iteration,
+        "seed": seed,
+        "chunk": iteration // config.train.chunk_iterations + 1,
+        "episodes": episodes,
+        "episode_steps": _share(report.episode_steps, episodes),
+    }
+    record |= {f"outcome/{cause.name.lower()}": _share(report.causes[cause], episodes) for cause in ENDINGS}
+    record |= {f"win/{outcome.name.lower()}": _share(wins[outcome], episodes) for outcome in Outcome}
+    for agent, role in enumerate(ROLES):
+        record[f"crash/{role}"] = _share(report.crashes[agent], episodes)
+        terms = {name: float(term[agent]) for name, term in report.reward_terms._asdict().items()}
+        record |= {f"reward/{role}/{name}": value for name, value in terms.items()}
+        record[f"return/{role}"] = sum(terms.values()) * record["episode_steps"]
+        learner = report.learners._asdict()
+        record |= {f"{name}/{role}": float(value[agent]) for name, value in learner.items()}
+    return record
+
+
+def _wins(config: Config, causes: np.ndarray) -> dict[Outcome, float]:
+    table = outcome_table(config.game)
+    return {outcome: sum(causes[cause] for cause in ENDINGS if table[cause] == outcome) for outcome in Outcome}
+
+
+def _share(count: Any, total: Any) -> float:
+    return float(count) / float(total) if total else math.nan
+
+
+def _pick(report: IterationMetrics, seed: int, iteration: int) -> IterationMetrics:
+    import jax
+
+    return jax.tree.map(lambda leaf: leaf[seed, iteration], report)

@@ -1,0 +1,1 @@
+"""Chunks of training and the pool of past opponents."""

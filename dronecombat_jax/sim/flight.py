@@ -1,0 +1,104 @@
+"""Flight: wrench, gyroscopic correction and physics substeps of both drones in MJX.
+
+What does not live here: the MJCF and its indices (`scene`), the rules of the game (`combat`).
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.config import SimConfig
+from dronecombat_jax.sim.rotation import body_z
+from dronecombat_jax.sim.scene import Scene, load_mjx
+from dronecombat_jax.types import NUM_AGENTS, Drones
+
+Step = Callable[[jax.Array, jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
+
+
+def build_step(sim: SimConfig, scene: Scene) -> Step:
+    """Return `step(qpos [14], qvel [12], action [A, 4]) -> (qpos, qvel)`, one control step of one scene.
+
+    The constants of the scene and the choices of `sim` are bound here, once. The action is
+    clipped to [-1, 1]; vmap over environments is the caller's.
+    """
+    mjx, model, template = load_mjx(scene)
+    weight = jnp.asarray(scene.weight, jnp.float32)
+    inertia = jnp.asarray(scene.inertia, jnp.float32)
+    full_thrust = sim.thrust_to_weight * weight
+
+    def substep(qpos: jax.Array, qvel: jax.Array, thrust: jax.Array, moment: jax.Array):
+        drones = split(qpos, qvel)
+        torque = moment
+        if sim.gyroscopic == "implicit":
+            torque = torque + gyroscopic_correction(drones.rate, inertia, sim.timestep)
+        force = thrust[:, None] * body_z(drones.quaternion)
+        applied = jnp.concatenate([force, torque], axis=-1).reshape(-1)
+        data = mjx.step(model, template.replace(qpos=qpos, qvel=qvel, qfrc_applied=applied))
+        return data.qpos, limit_rate(data.qvel, sim.max_body_rate)
+
+    def step(qpos: jax.Array, qvel: jax.Array, action: jax.Array) -> tuple[jax.Array, jax.Array]:
+        thrust, moment = wrench(action, full_thrust, sim.moment_scale)
+        for _ in range(sim.substeps):
+            qpos, qvel = substep(qpos, qvel, thrust, moment)
+        return qpos, qvel
+
+    return step
+
+
+def split(qpos: jax.Array, qvel: jax.Array) -> Drones:
+    """Split free-joint coordinates `qpos [..., 14]`, `qvel [..., 12]` into both drones' states."""
+    pose = qpos.reshape(*qpos.shape[:-1], NUM_AGENTS, 7)
+    twist = qvel.reshape(*qvel.shape[:-1], NUM_AGENTS, 6)
+    return Drones(pose[..., :3], pose[..., 3:], twist[..., :3], twist[..., 3:])
+
+
+def wrench(action: jax.Array, full_thrust: jax.Array, moment_scale: float) -> tuple[jax.Array, jax.Array]:
+    """Action [A, 4] -> thrust [A] in N along body z and moment [A, 3] in N m about body axes (eq. 7, 8)."""
+    action = jnp.clip(action, -1.0, 1.0)
+    return full_thrust * (action[:, 0] + 1.0) / 2.0, moment_scale * action[:, 1:]
+
+
+def hover_command(thrust_to_weight: float) -> float:
+    """The first action at which thrust equals weight."""
+    return 2.0 / thrust_to_weight - 1.0
+
+
+def gyroscopic_correction(rate: jax.Array, inertia: jax.Array, timestep: float) -> jax.Array:
+    """Torque [A, 3] in N m that turns an explicit gyroscopic term into a backward-Euler one.
+
+    With f = w x (I w) and one Newton step on the implicit equation, J = I + h([w]x I - [I w]x),
+    w' = w - J^-1 h f; the integrator itself applies -f, so the correction is I (w' - w) / h + f.
+    It reproduces C MuJoCo's `implicit` integrator for a free body and never gains energy
+    (Catto, "Numerical Methods", GDC 2015). `rate` [A, 3] in the body frame, `inertia` [A, 3] diagonal.
+    """
+    momentum = inertia * rate
+    gyroscopic = jnp.cross(rate, momentum)
+    jacobian = timestep * (skew(rate) * inertia[..., None, :] - skew(momentum))
+    jacobian = jacobian + inertia[..., None, :] * jnp.eye(3, dtype=rate.dtype)
+    return gyroscopic - inertia * solve_3x3(jacobian, gyroscopic)
+
+
+def skew(v: jax.Array) -> jax.Array:
+    """Cross-product matrix [..., 3, 3] of `v` [..., 3]: skew(v) @ u = v x u."""
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    zero = jnp.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def solve_3x3(matrix: jax.Array, vector: jax.Array) -> jax.Array:
+    """Solve `matrix [..., 3, 3] x = vector [..., 3]` by Cramer's rule; cheap under vmap on every device."""
+    a, b, c = matrix[..., 0], matrix[..., 1], matrix[..., 2]
+    bc, ca, ab = jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)
+    determinant = jnp.sum(a * bc, axis=-1)
+    numerators = [jnp.sum(vector * cofactor, axis=-1) for cofactor in (bc, ca, ab)]
+    return jnp.stack(numerators, axis=-1) / determinant[..., None]
+
+
+def limit_rate(qvel: jax.Array, max_rate: float) -> jax.Array:
+    """Scale each drone's body rate in `qvel` [12] down to `max_rate` rad/s, as PhysX caps it."""
+    twist = qvel.reshape(NUM_AGENTS, 6)
+    norm = jnp.linalg.norm(twist[:, 3:], axis=-1, keepdims=True)
+    rate = twist[:, 3:] * jnp.minimum(1.0, max_rate / jnp.maximum(norm, 1e-6))
+    return jnp.concatenate([twist[:, :3], rate], axis=-1).reshape(-1)

@@ -1,0 +1,213 @@
+"""Every pytree that crosses a room's border, with its axes and units.
+
+Axes, always in this order: S seeds, T time, N environments, A agents (0 defender, 1 attacker).
+What does not live here: settings (`config`) and anything that computes.
+"""
+
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import jax
+from flax import struct
+
+DEFENDER = 0
+ATTACKER = 1
+ROLES = ("defender", "attacker")
+NUM_AGENTS = 2
+ACTION_SIZE = 4
+OBSERVATION_SIZE = 35
+
+
+class Cause(IntEnum):
+    """Why a fight ended; the order is the precedence of simultaneous events but for DIVERGED, which tops all."""
+
+    NONE = 0
+    INTERCEPT = 1
+    REACHED = 2
+    DEFENDER_CRASH = 3
+    ATTACKER_CRASH = 4
+    BOTH_CRASH = 5
+    TIMEOUT = 6
+    DIVERGED = 7
+
+
+class Outcome(IntEnum):
+    """Who won a fight."""
+
+    DEFENDER = 0
+    DRAW = 1
+    ATTACKER = 2
+
+
+class Drones(NamedTuple):
+    """Both drones' rigid-body states as MuJoCo's free joints hold them."""
+
+    position: jax.Array  # [..., A, 3] m, world frame
+    quaternion: jax.Array  # [..., A, 4] wxyz, body to world
+    velocity: jax.Array  # [..., A, 3] m/s, WORLD frame
+    rate: jax.Array  # [..., A, 3] rad/s, BODY frame
+
+
+class EnvState(struct.PyTreeNode):
+    """One fight. All that a scan has to carry: 31 floats, a clock and two flags."""
+
+    qpos: jax.Array  # [14] m and wxyz: defender 0:7, attacker 7:14
+    qvel: jax.Array  # [12] m/s in the world frame, rad/s in the body frame
+    target: jax.Array  # [3] m
+    clock: jax.Array  # [] int32, control steps since the start
+    out: jax.Array  # [A] bool, the drone is down (or absent) and lies where it is
+
+
+class StepOutput(NamedTuple):
+    """What one control step of one fight yields."""
+
+    observation: jax.Array  # [A, 35] after the step, before any reset: the final one where the fight ended
+    reward: jax.Array  # [A]
+    reward_terms: "RewardTerms"  # each [A], already weighted; they add up to the reward
+    cause: jax.Array  # [] int32, a `Cause`; NONE while the fight goes on
+    terminated: jax.Array  # [] bool, the fight was decided
+    truncated: jax.Array  # [] bool, time ran out on an undecided fight
+
+
+class RewardTerms(NamedTuple):
+    """The addends of eq. 9 and 11, weighted and signed, each [A]."""
+
+    approach: jax.Array
+    linear_velocity: jax.Array
+    angular_velocity: jax.Array
+    win: jax.Array
+    lose: jax.Array
+    crash: jax.Array
+    timeout: jax.Array
+
+
+class MLP(struct.PyTreeNode):
+    """A multilayer perceptron: `weights[i]` is [in, out], `biases[i]` is [out]."""
+
+    weights: tuple[jax.Array, ...]
+    biases: tuple[jax.Array, ...]
+
+
+class Parameters(struct.PyTreeNode):
+    """What one agent learns; nothing is shared between agents or between the two networks."""
+
+    policy: MLP  # observation -> mean of the action
+    log_std: jax.Array  # [4]
+    value: MLP  # observation -> normalised value
+
+
+class Scaler(struct.PyTreeNode):
+    """Running mean and variance, as skrl's RunningStandardScaler."""
+
+    mean: jax.Array  # [size]
+    variance: jax.Array  # [size]
+    count: jax.Array  # []
+
+
+class Learner(struct.PyTreeNode):
+    """One agent's whole learning state."""
+
+    parameters: Parameters
+    optimizer: Any  # optax state
+    observation_scaler: Scaler  # [35]
+    value_scaler: Scaler  # []
+    learning_rate: jax.Array  # []
+
+
+class Transition(NamedTuple):
+    """A rollout as collected; time-major."""
+
+    observation: jax.Array  # [T, N, A, 35] before the step
+    action: jax.Array  # [T, N, A, 4] as drawn, not clipped by the environment
+    log_prob: jax.Array  # [T, N, A]
+    reward: jax.Array  # [T, N, A]
+    terminated: jax.Array  # [T, N] bool
+    truncated: jax.Array  # [T, N] bool
+    final_observation: jax.Array  # [T, N, A, 35] after the step, before any reset
+    cause: jax.Array  # [T, N] int32
+    clock: jax.Array  # [T, N] int32, control steps flown when the step was done
+    out: jax.Array  # [T, N, A] bool, the drone was down after the step
+    reward_terms: RewardTerms  # each [T, N, A]
+
+
+class Batch(NamedTuple):
+    """One agent's rollout, ready to learn from; leading axes [T, N] or [B]."""
+
+    observation: jax.Array  # [..., 35] normalised
+    action: jax.Array  # [..., 4]
+    log_prob: jax.Array  # [...]
+    advantage: jax.Array  # [...] normalised over the whole rollout
+    value: jax.Array  # [...] normalised, of the policy that collected
+    target: jax.Array  # [...] normalised return
+
+
+class UpdateMetrics(NamedTuple):
+    """What one update of one agent reports, averaged over its gradient steps."""
+
+    policy_loss: jax.Array
+    value_loss: jax.Array
+    entropy: jax.Array  # mean over action dimensions, nat
+    kl: jax.Array  # of the last epoch
+    clip_fraction: jax.Array
+    grad_norm: jax.Array  # before the clip
+    skipped: jax.Array  # gradient steps skipped because something was not finite
+    learning_rate: jax.Array  # after the update
+    explained_variance: jax.Array
+    log_std: jax.Array  # mean over action dimensions
+
+
+class IterationMetrics(NamedTuple):
+    """What one iteration reports."""
+
+    causes: jax.Array  # [8] fights ended by each `Cause`
+    crashes: jax.Array  # [A] ended fights in which that drone had gone down
+    episode_steps: jax.Array  # [] sum over ended fights, control steps
+    reward_terms: RewardTerms  # each [A], mean per step
+    learners: UpdateMetrics  # each [A]
+
+
+class TrainState(struct.PyTreeNode):
+    """A whole training run at an iteration's boundary. In a program each leaf has a leading axis S."""
+
+    learners: Learner  # each leaf [A, ...]
+    env: EnvState  # each leaf [N, ...]
+    seed: jax.Array  # [] uint32
+    iteration: jax.Array  # [] int32, iterations done
+
+
+class Policy(struct.PyTreeNode):
+    """What a drone needs to fly: the policy network and the scaler it was trained with."""
+
+    network: MLP
+    log_std: jax.Array  # [4]
+    observation_scaler: Scaler  # [35]
+
+
+class FightResult(NamedTuple):
+    """How E fights ended."""
+
+    cause: jax.Array  # [E] int32, a `Cause`
+    steps: jax.Array  # [E] int32, control steps flown
+    down: jax.Array  # [E, A] bool, the drone had crashed by the end
+
+
+class FightRecord(NamedTuple):
+    """E fights, step by step; after a fight's end its last state repeats."""
+
+    qpos: jax.Array  # [T, E, 14] after the step
+    qvel: jax.Array  # [T, E, 12]
+    action: jax.Array  # [T, E, A, 4] clipped, as flown
+    start: EnvState  # leaves [E, ...]
+    result: FightResult
+
+
+class Trajectory(NamedTuple):
+    """One fight, for pictures and replays (NumPy arrays)."""
+
+    time: Any  # [T] s
+    qpos: Any  # [T, 14]
+    qvel: Any  # [T, 12]
+    action: Any  # [T, A, 4] as flown, in [-1, 1]
+    target: Any  # [3] m
+    cause: int
+    control_dt: float  # s

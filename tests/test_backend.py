@@ -1,0 +1,156 @@
+"""What is settled before JAX starts. Each case runs in an interpreter of its own: settings are process-wide."""
+
+import json
+import os
+import subprocess
+import sys
+from importlib import metadata
+
+import pytest
+
+from dronecombat_jax import backend, doctor
+from dronecombat_jax.errors import EXIT_CONFIG, UserError
+
+OURS = (
+    "DISPLAY",
+    "DRONECOMBAT_CACHE",
+    "MUJOCO_GL",
+    "TF_CPP_MIN_LOG_LEVEL",
+    "WAYLAND_DISPLAY",
+    "XLA_FLAGS",
+)
+DEADLOCK_OFF = "--xla_cpu_enable_concurrency_optimized_scheduler=false"
+PREPARE = """
+import importlib.metadata, json, os, sys
+importlib.metadata.version = lambda name: {version!r}
+from dronecombat_jax import backend
+{patch}
+backend.prepare({device!r})
+assert "jax" not in sys.modules and "mujoco" not in sys.modules
+print(json.dumps(dict(os.environ) | {{"set by us": backend._set_by_us}}))
+"""
+
+
+def prepared(tmp_path, version="0.12.0.1", device="cpu", patch="", **environment) -> dict:
+    """The environment after `prepare(device)` with jax `version`, in a fresh interpreter that never imports JAX."""
+    clean = {name: value for name, value in os.environ.items() if name not in OURS and not name.startswith("JAX_")}
+    code = PREPARE.format(version=version, device=device, patch=patch)
+    given = clean | {"DRONECOMBAT_CACHE": str(tmp_path)} | environment
+    result = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
+    return json.loads(result.stdout)
+
+
+@pytest.mark.parametrize("device", ["cpu", "auto"])
+def test_the_scheduler_that_deadlocks_is_off_with_jax_0_10(tmp_path, device):
+    assert prepared(tmp_path, "0.10.1", device)["XLA_FLAGS"] == DEADLOCK_OFF
+
+
+def test_jax_0_12_gets_no_flags(tmp_path):
+    found = prepared(tmp_path, "0.12.0.1")
+    assert "XLA_FLAGS" not in found
+    assert "TF_CPP_MIN_LOG_LEVEL" not in found
+
+
+def test_flags_of_the_user_are_kept(tmp_path):
+    found = prepared(tmp_path, "0.10.1", XLA_FLAGS="--xla_dump_to=here", TF_CPP_MIN_LOG_LEVEL="0")
+    assert found["XLA_FLAGS"] == f"--xla_dump_to=here {DEADLOCK_OFF}"
+    assert found["TF_CPP_MIN_LOG_LEVEL"] == "0"
+    assert found["set by us"]["XLA_FLAGS"] == DEADLOCK_OFF
+
+
+def test_a_scheduler_chosen_by_the_user_stays(tmp_path):
+    chosen = DEADLOCK_OFF.replace("false", "true")
+    assert prepared(tmp_path, "0.10.1", XLA_FLAGS=chosen)["XLA_FLAGS"] == chosen
+
+
+def test_a_device_by_name_wins_over_the_environment_and_auto_does_not(tmp_path):
+    assert prepared(tmp_path, device="cpu", JAX_PLATFORMS="cuda")["JAX_PLATFORMS"] == "cpu"
+    assert prepared(tmp_path, device="auto", JAX_PLATFORMS="cuda")["JAX_PLATFORMS"] == "cuda"
+    assert "JAX_PLATFORMS" not in prepared(tmp_path, device="auto")
+
+
+def test_programs_are_cached_per_version_of_jaxlib(tmp_path):
+    old, new = (prepared(tmp_path, version) for version in ("0.10.1", "0.12.0.1"))
+    folders = [found["JAX_COMPILATION_CACHE_DIR"] for found in (old, new)]
+    assert folders[0] != folders[1]
+    assert all(folder.startswith(str(tmp_path)) and os.path.isdir(folder) for folder in folders)
+    assert float(new["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"]) == 0.0
+
+
+def test_a_cache_that_cannot_be_written_is_left_out_and_said(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    found = prepared(tmp_path, DRONECOMBAT_CACHE=str(blocked))
+    assert "JAX_COMPILATION_CACHE_DIR" not in found
+    assert "cannot write" in found["set by us"]["JAX_COMPILATION_CACHE_DIR"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="EGL is Linux's")
+@pytest.mark.parametrize(
+    ("there", "environment", "expected"),
+    [
+        (True, {}, "egl"),
+        (False, {}, "off"),  # with "egl" and no libEGL, `import mujoco` itself would raise
+        (False, {"MUJOCO_GL": "egl"}, "off"),
+        (True, {"MUJOCO_GL": "osmesa"}, "osmesa"),
+        (True, {"DISPLAY": ":0"}, None),
+    ],
+)
+def test_mujoco_renders_through_egl_without_a_display(tmp_path, there, environment, expected):
+    found = prepared(tmp_path, patch=f"backend._loads = lambda library: {there}", **environment)
+    assert found.get("MUJOCO_GL") == expected
+
+
+@pytest.mark.parametrize("version", ["0.10.2", "0.11.0", "0.11.1"])
+def test_known_bad_jax_is_refused_with_reason_and_remedy(monkeypatch, version):
+    monkeypatch.setattr(metadata, "version", lambda name: version)
+    with pytest.raises(UserError, match=rf"jax {version} .*Fix: pip install 'jax==0\.1\d") as caught:
+        backend.prepare("cpu")
+    assert caught.value.exit_code == EXIT_CONFIG
+    assert "\n" not in caught.value.message
+
+
+@pytest.mark.parametrize("device", ["gpu", "tpu"])
+def test_a_device_that_this_jax_cannot_drive_is_an_error(monkeypatch, device):
+    monkeypatch.setattr(backend, "find_spec", lambda name: None)
+    with pytest.raises(UserError, match=rf"device {device}: .*Fix: ") as caught:
+        backend.prepare(device)
+    assert caught.value.exit_code == EXIT_CONFIG
+
+
+@pytest.mark.parametrize("device", ["gpu", "tpu"])
+def test_a_device_that_is_not_in_the_machine_is_an_error(device):
+    with pytest.raises(UserError, match=f"device {device}: there is none on this machine"):
+        backend._require_devices(device)
+
+
+def test_mjx_is_imported_without_a_word_on_stdout():
+    code = "from dronecombat_jax import backend; assert backend.import_mjx().step"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout == ""
+
+
+def test_the_banner_names_machine_devices_versions_and_settings():
+    machine, devices, versions, ours = backend.banner()
+    assert "cores" in machine
+    assert "cpu:0" in devices
+    assert f"jax {metadata.version('jax')}" in versions
+    assert ours.startswith("set by us ")
+
+
+def test_doctor_passes_here_but_for_what_is_missing(capsys):
+    expected = EXIT_CONFIG if backend.rendering_fault() else 0
+    assert backend.doctor() == expected
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines if " FAIL " in line] == ["rendering"] * (expected != 0)
+
+
+def test_doctor_goes_on_after_a_broken_check(monkeypatch, capsys):
+    def broken() -> str:
+        raise RuntimeError("the driver\nis gone")
+
+    monkeypatch.setattr(doctor, "_physics", broken)
+    assert backend.doctor() == EXIT_CONFIG
+    out = capsys.readouterr().out
+    assert "physics      FAIL  RuntimeError: the driver is gone\n             fix:" in out
+    assert "cache        ok" in out

@@ -117,13 +117,6 @@ def rendering_fault() -> str | None:
     return f"no picture can be rendered ({fault}); on Debian and Ubuntu: apt-get install {RENDERING_PACKAGES}"
 
 
-def doctor() -> int:
-    """Print the table of `dronecombat doctor`; 0 if all is well, else 2."""
-    from dronecombat_jax.doctor import print_table
-
-    return print_table()
-
-
 def _platforms(device: str) -> str | None:
     """The value of JAX_PLATFORMS for `device`; None to leave it alone."""
     if device not in PLUGINS:

@@ -44,6 +44,7 @@ class EvaluateFlags:
     fights: int = setting(256, "number of fights", low=1, high=10**6)
     chunk: int = setting(-1, "which checkpoint, counted from the untrained one; -1: the newest", low=-1, high=10**9)
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
+    stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
 
 
@@ -57,7 +58,7 @@ def train(args: Sequence[str]) -> int:
     given, errors = flags.parse(TrainFlags, args, "dronecombat train", aliases=SHORT_FLAGS)
     preset, only_print = given.pop("preset", DEFAULT_PRESET), given.pop("print_config", False)
     try:
-        config = settings.load(preset, given)
+        config = settings.load(preset, given, check_memory=True)
     except UserError as error:
         raise UserError("\n".join([*errors, error.message])) from None
     if errors:
@@ -70,7 +71,12 @@ def train(args: Sequence[str]) -> int:
     _prepare(config.run.device)
     from dronecombat_jax.runs import training
 
-    return training.train(config)
+    if code := training.train(config):
+        return code
+    from dronecombat_jax.report import finish
+
+    finish.finish(config)
+    return 0
 
 
 def evaluate(args: Sequence[str]) -> int:
@@ -81,15 +87,15 @@ def evaluate(args: Sequence[str]) -> int:
     from dronecombat_jax.runs import evaluation
 
     chunk = None if given.chunk < 0 else given.chunk
-    return evaluation.evaluate(run, fights=given.fights, chunk=chunk, seed=given.seed)
+    return evaluation.evaluate(run, given.fights, chunk=chunk, seed=given.seed, stochastic=given.stochastic)
 
 
 def doctor(args: Sequence[str]) -> int:
     """say what this machine has and what is missing"""
     flags.read(DoctorFlags, args, "dronecombat doctor")
-    from dronecombat_jax import doctor as machine
+    from dronecombat_jax.doctor import doctor as examine
 
-    return machine.doctor()
+    return examine()
 
 
 COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
@@ -158,7 +164,9 @@ def _run(args: list[str]) -> int:
     try:
         return COMMANDS[name](args[1:])
     except SystemExit as stop:  # tyro, after --help
-        return stop.code if isinstance(stop.code, int) else 0
+        if stop.code:
+            raise
+        return 0
 
 
 def _prepare(device: str) -> None:

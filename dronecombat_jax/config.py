@@ -31,16 +31,14 @@ def setting(
 
 @dataclass(frozen=True)
 class SimConfig:
-    """Flight: one rigid body per drone, stepped by MJX (SPEC 1)."""
+    """Flight: one rigid body per drone, stepped by MJX."""
 
     body: Literal["isaac", "firmware", "menagerie", "p250"] = setting(
         "isaac", "mass and inertia of both drones (isaac: the composite of Isaac's cf2x)"
     )
     timestep: float = setting(0.01, "physics step", unit="s", low=1e-4, high=0.05)
     substeps: int = setting(2, "physics steps per control step", low=1, high=100)
-    thrust_to_weight: float = setting(
-        1.9, "full thrust over weight (eq. 7)", low=1.0, high=20.0, low_open=True
-    )
+    thrust_to_weight: float = setting(1.9, "full thrust over weight (eq. 7)", low=1.0, high=20.0, low_open=True)
     moment_scale: float = setting(
         0.01, "moment at full deflection about each body axis (eq. 8)", unit="N m", low=0.0, high=1.0
     )
@@ -54,7 +52,7 @@ class SimConfig:
 
 @dataclass(frozen=True)
 class GameConfig:
-    """Rules of the fight: start, events and what ends it (SPEC 2 and 3)."""
+    """Rules of the fight: start, events and what ends it."""
 
     scenario: Literal["duel", "solo"] = setting(
         "duel", "duel: both fight; solo: the attacker alone, the defender is absent"
@@ -66,8 +64,12 @@ class GameConfig:
     spawn_altitude_high: float = setting(1.5, "highest start altitude", unit="m", low=0.0, high=100.0)
     episode_steps: int = setting(500, "control steps until time-out", low=1, high=100_000)
     intercept_radius: float = setting(
-        0.5, "defender wins within this distance of the attacker (0.1: literal touch)",
-        unit="m", low=0.0, high=5.0, low_open=True,
+        0.5,
+        "defender wins within this distance of the attacker (0.1: literal touch)",
+        unit="m",
+        low=0.0,
+        high=5.0,
+        low_open=True,
     )
     reach_radius: float = setting(
         0.5, "attacker wins within this distance of the target", unit="m", low=0.0, high=5.0, low_open=True
@@ -88,7 +90,7 @@ class GameConfig:
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """Weights of the reward terms (SPEC 4, eq. 9-12). Each term is logged by name."""
+    """Weights of the reward terms (eq. 9-12). Each term is logged by name."""
 
     time_scaled: bool = setting(True, "multiply the dense terms by the control step (false: the literal form)")
     approach_weight: float = setting(50.0, "weight w of 1 - tanh(distance / c)", unit="1/s", low=0.0, high=1e4)
@@ -97,11 +99,16 @@ class RewardConfig:
     linear_velocity_penalty: float = setting(0.05, "per (m/s)^2", low=0.0, high=100.0)
     angular_velocity_penalty: float = setting(0.01, "per (rad/s)^2", low=0.0, high=100.0)
     win: float = setting(300.0, "for intercepting (defender) or reaching the target (attacker)", low=0.0, high=1e5)
-    lose: float = setting(300.0, "paid by the defender when the target is reached, by the attacker when intercepted",
-                          low=0.0, high=1e5)
+    lose: float = setting(
+        300.0, "paid by the defender when the target is reached, by the attacker when intercepted", low=0.0, high=1e5
+    )
     crash_penalty: float = setting(10.0, "paid by a drone that crashes", low=0.0, high=1e5)
-    crash_win: float = setting(300.0, "for the other drone when one crashes (under crash_rule ends, and a downed attacker under out)",
-                               low=0.0, high=1e5)
+    crash_win: float = setting(
+        300.0,
+        "for the other drone when one crashes (under crash_rule ends, and a downed attacker under out)",
+        low=0.0,
+        high=1e5,
+    )
     timeout_win: float = setting(300.0, "for the defender at time-out, under timeout_rule defender", low=0.0, high=1e5)
     timeout_penalty: float = setting(
         300.0, "paid by the attacker at time-out, under timeout_rule defender", low=0.0, high=1e5
@@ -110,7 +117,7 @@ class RewardConfig:
 
 @dataclass(frozen=True)
 class LearnConfig:
-    """IPPO: two independent PPO learners that share nothing (SPEC 5)."""
+    """IPPO: two independent PPO learners that share nothing (eq. 13-18)."""
 
     hidden_sizes: tuple[int, ...] = setting((256, 128), "hidden units of policy and value networks", low=1, high=8192)
     hidden_gain: float = setting(2.0**0.5, "gain of the orthogonal initialisation", low=0.0, high=10.0, low_open=True)
@@ -128,8 +135,9 @@ class LearnConfig:
     discount: float = setting(0.99, "gamma", low=0.0, high=1.0)
     gae_lambda: float = setting(0.95, "lambda of the advantage estimate (eq. 15)", low=0.0, high=1.0)
     clip_ratio: float = setting(0.2, "clip of the probability ratio (eq. 14)", low=0.0, high=10.0, low_open=True)
-    clip_value: float = setting(0.2, "clip of the value's change, normalised units (eq. 17)", low=0.0, high=1e6,
-                                low_open=True)
+    clip_value: float = setting(
+        0.2, "clip of the value's change, normalised units (eq. 17)", low=0.0, high=1e6, low_open=True
+    )
     value_loss: Literal["skrl", "ppo2_max", "paper_min", "plain"] = setting(
         "skrl", "which clipped value loss: skrl's, the larger of two, the smaller of two as printed, or unclipped"
     )
@@ -139,8 +147,9 @@ class LearnConfig:
     learning_rate: float = setting(3e-4, "Adam's learning rate at the start", low=0.0, high=1.0, low_open=True)
     learning_rate_schedule: Literal["kl", "constant"] = setting("kl", "KL-adaptive, or constant")
     kl_target: float = setting(0.008, "threshold of the KL-adaptive schedule", low=0.0, high=10.0, low_open=True)
-    kl_factor: float = setting(2.0, "the rate moves when the KL leaves [target / factor, target * factor]",
-                               low=1.0, high=100.0, low_open=True)
+    kl_factor: float = setting(
+        2.0, "the rate moves when the KL leaves [target / factor, target * factor]", low=1.0, high=100.0, low_open=True
+    )
     learning_rate_factor: float = setting(1.5, "by how much the rate moves", low=1.0, high=100.0, low_open=True)
     min_learning_rate: float = setting(1e-6, "lower bound of the schedule", low=0.0, high=1.0, low_open=True)
     max_learning_rate: float = setting(1e-2, "upper bound of the schedule", low=0.0, high=1.0, low_open=True)
@@ -153,10 +162,11 @@ class LearnConfig:
 
 @dataclass(frozen=True)
 class SelfPlayConfig:
-    """Frozen past opponents (SPEC 6). IPPO is probability 0."""
+    """Frozen past opponents. IPPO is probability 0."""
 
-    probability: float = setting(0.0, "chance that a chunk is fought against a frozen past attacker (0: IPPO)",
-                                 low=0.0, high=1.0)
+    probability: float = setting(
+        0.0, "chance that a chunk is fought against a frozen past attacker (0: IPPO)", low=0.0, high=1.0
+    )
 
 
 @dataclass(frozen=True)
@@ -166,12 +176,16 @@ class TrainConfig:
     total_steps: int = setting(20_000_000, "environment steps per seed, rounded up to whole chunks", low=1, high=10**12)
     num_envs: int = setting(1000, "environments side by side", low=1, high=10**6)
     chunk_iterations: int = setting(
-        25, "iterations per chunk; at a chunk's end both agents are saved and the environments reset",
-        low=1, high=100_000,
+        25,
+        "iterations per chunk; at a chunk's end both agents are saved and the environments reset",
+        low=1,
+        high=100_000,
     )
     solo_warmup_steps: int = setting(
-        0, "environment steps in which the attacker flies alone before the duel, rounded up to whole chunks",
-        low=0, high=10**12,
+        0,
+        "environment steps in which the attacker flies alone before the duel, rounded up to whole chunks",
+        low=0,
+        high=10**12,
     )
     seed: int = setting(0, "first seed", low=0, high=2**31 - 1)
     num_seeds: int = setting(1, "seeds trained side by side: seed, seed + 1, ...", low=1, high=1024)

@@ -31,7 +31,7 @@ class Failed(Exception):
         self.found, self.fix = found, fix
 
 
-def print_table() -> int:
+def doctor() -> int:
     """Print the table to stdout; 0 if all is well, else 2. A check that fails stops no other check."""
     checks: tuple[tuple[str, Callable[[], str]], ...] = (
         ("python", _python),

@@ -40,9 +40,12 @@ class Given(NamedTuple):
         return f"{self.where}: {key} = {shown(self.value)}"
 
 
-def load(preset: str | Path | None = None, overrides: Mapping[str, Any] | None = None) -> Config:
+def load(
+    preset: str | Path | None = None, overrides: Mapping[str, Any] | None = None, *, check_memory: bool = False
+) -> Config:
     """The configuration of defaults < `preset` (a name or a .toml file) < `overrides` (dotted keys).
 
+    `check_memory`: refuse what cannot be trained here; a run from a larger machine can still be looked at.
     Raises UserError (exit 2) whose message has one line per mistake.
     """
     errors: list[str] = []
@@ -56,8 +59,9 @@ def load(preset: str | Path | None = None, overrides: Mapping[str, Any] | None =
     if errors:
         raise UserError("\n".join(errors))
     config: Config = build(Config, {key: SCHEMA[key].normal(item.value) for key, item in given.items()})
-    if broken := [_placed(problem, given) for problem in preflight.problems(config)]:
-        raise UserError("\n".join(broken))
+    broken = preflight.problems(config) + (preflight.memory_problems(config) if check_memory else [])
+    if broken:
+        raise UserError("\n".join(_placed(problem, given) for problem in broken))
     return config
 
 

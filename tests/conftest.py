@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,3 +17,26 @@ def rendering() -> None:
     """Skip, naming the Debian packages, where MuJoCo cannot render a picture."""
     if fault := backend.rendering_fault():
         pytest.skip(fault)
+
+
+@pytest.fixture(scope="session")
+def arena() -> SimpleNamespace:
+    """The default environment for 8 fights: `combat`, jitted `reset(keys)` and `step(states, actions)`, `traces`."""
+    import jax
+
+    from dronecombat_jax.combat.env import Combat
+    from dronecombat_jax.config import Config
+
+    combat, traces = Combat(Config()), []
+
+    def step(state, action):
+        traces.append(action.shape)
+        return combat.step(state, action)
+
+    return SimpleNamespace(
+        combat=combat,
+        reset=jax.jit(lambda keys: jax.vmap(combat.reset)(keys)),
+        step=jax.jit(jax.vmap(step)),
+        traces=traces,
+        size=8,
+    )

@@ -8,7 +8,7 @@ from importlib import metadata
 
 import pytest
 
-from dronecombat_jax import backend, doctor
+from dronecombat_jax import backend
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 
 OURS = (
@@ -136,21 +136,3 @@ def test_the_banner_names_machine_devices_versions_and_settings():
     assert "cpu:0" in devices
     assert f"jax {metadata.version('jax')}" in versions
     assert ours.startswith("set by us ")
-
-
-def test_doctor_passes_here_but_for_what_is_missing(capsys):
-    expected = EXIT_CONFIG if backend.rendering_fault() else 0
-    assert backend.doctor() == expected
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines if " FAIL " in line] == ["rendering"] * (expected != 0)
-
-
-def test_doctor_goes_on_after_a_broken_check(monkeypatch, capsys):
-    def broken() -> str:
-        raise RuntimeError("the driver\nis gone")
-
-    monkeypatch.setattr(doctor, "_physics", broken)
-    assert backend.doctor() == EXIT_CONFIG
-    out = capsys.readouterr().out
-    assert "physics      FAIL  RuntimeError: the driver is gone\n             fix:" in out
-    assert "cache        ok" in out

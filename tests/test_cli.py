@@ -192,12 +192,12 @@ def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
     (tmp_path / "runs" / "mine").mkdir(parents=True)
     (tmp_path / "elsewhere").mkdir()
     assert cli.main(["evaluate", "mine"]) == 0
-    assert cli.main(["evaluate", "elsewhere", "--fights", "3", "--chunk", "0", "--seed", "9", "--device", "cpu"]) == 0
+    assert cli.main(["evaluate", "elsewhere", "--fights", "3", "--chunk", "0", "--seed", "9", "--stochastic"]) == 0
     assert rooms.calls == [
         ("prepare", "auto"),
-        ("evaluate", Path("runs/mine"), {"fights": 256, "chunk": None, "seed": 0}),
-        ("prepare", "cpu"),
-        ("evaluate", Path("elsewhere"), {"fights": 3, "chunk": 0, "seed": 9}),
+        ("evaluate", Path("runs/mine"), 256, {"chunk": None, "seed": 0, "stochastic": False}),
+        ("prepare", "auto"),
+        ("evaluate", Path("elsewhere"), 3, {"chunk": 0, "seed": 9, "stochastic": True}),
     ]
 
 

@@ -85,7 +85,7 @@ def record(combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, ke
 def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
     """One fight of a record, cut at its end, its start state first."""
     steps = int(fights.result.steps[index])
-    first = lambda start, path: np.concatenate([np.asarray(start)[index][None], np.asarray(path)[:steps, index]])  # noqa: E731
+    first = lambda start, path: np.concatenate([np.asarray(start)[index][None], np.asarray(path)[:steps, index]])
     action = np.asarray(fights.action)[:steps, index]
     return Trajectory(
         time=np.arange(steps + 1) * combat.config.control_dt,
@@ -107,7 +107,7 @@ def _advance(
     action = jnp.stack([pilots[role](state, observation, keys[role]) for role in sorted(pilots)], axis=1)
     after, output = jax.vmap(combat.step)(state, action)
     on = result.cause == Cause.NONE
-    keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)  # noqa: E731
+    keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)
     now = FightResult(output.cause, result.steps + 1, after.out & ~_absent(combat))
     return jax.tree.map(keep, after, state), jax.tree.map(keep, now, result), action
 

@@ -14,7 +14,7 @@ from dronecombat_jax.sim.flight import build_step, split
 from dronecombat_jax.sim.scene import Scene, load_scene
 from dronecombat_jax.types import NUM_AGENTS, Cause, EnvState, StepOutput
 
-# Start positions of defender, attacker and target in m; the altitudes are drawn (SPEC 2).
+# Start positions of defender, attacker and target in m; the altitudes are drawn.
 START = ((0.0, 5.0), (0.0, 0.0), (5.0, 5.0))
 ARENA_HALF_WIDTH = 5.0
 NUM_DRAWS = 9  # three positions
@@ -67,20 +67,21 @@ class Combat:
         return self.spawn(self.draw(key, ()))
 
     def observe(self, state: EnvState) -> jax.Array:
-        """Observation [A, 35] of the state (SPEC 3)."""
+        """Observation [A, 35] of the state (eq. 5)."""
         return self._observe(split(state.qpos, state.qvel), state.target)
 
     def step(self, state: EnvState, action: jax.Array) -> tuple[EnvState, StepOutput]:
         """Fly one control step with `action` [A, 4]. Does not reset: a fight that ended must be replaced.
 
-        A state that is not finite ends this fight alone, as a draw with reward 0 (cause DIVERGED).
+        A state that is not finite ends this fight alone, as a draw with reward 0 (cause DIVERGED), at
+        rest where it last was: its final observation is finite and cannot spoil a running mean.
         """
         game = self.config.game
         before = split(state.qpos, state.qvel)
         qpos, qvel = self._fly(state.qpos, state.qvel, action)
         sane = _sane(qpos) & _sane(qvel)
-        qpos = jnp.where(sane & ~jnp.repeat(state.out, 7), qpos, state.qpos)
-        qvel = jnp.where(sane & ~jnp.repeat(state.out, 6), qvel, state.qvel)
+        qpos = jnp.where(sane & ~jnp.repeat(state.out, 7), qpos, _tame(state.qpos))
+        qvel = jnp.where(sane & ~jnp.repeat(state.out, 6), qvel, 0.0)
         drones = split(qpos, qvel)
         clock = state.clock + 1
 
@@ -90,8 +91,9 @@ class Combat:
         terms = jax.tree.map(lambda term: jnp.where(sane, term, 0.0), terms)
 
         # A drone that goes down stays where it is, at rest.
-        at_rest = jnp.where(jnp.repeat(events.down, 6), 0.0, qvel)
-        after = state.replace(qpos=qpos, qvel=at_rest, clock=clock, out=events.down)
+        down = jnp.where(sane, events.down, state.out)
+        at_rest = jnp.where(jnp.repeat(down, 6), 0.0, qvel)
+        after = state.replace(qpos=qpos, qvel=at_rest, clock=clock, out=down)
         truncated = (cause == Cause.TIMEOUT) & (not timeout_decides(game))
         output = StepOutput(
             observation=self.observe(after),
@@ -107,3 +109,8 @@ class Combat:
 def _sane(values: jax.Array) -> jax.Array:
     """Whether all values are finite and within reach; NaN compares false."""
     return jnp.all(jnp.abs(values) < MAX_COORDINATE)
+
+
+def _tame(qpos: jax.Array) -> jax.Array:
+    """The same where it is sane, 0 elsewhere; only a state that was broken from outside is changed."""
+    return jnp.where(jnp.abs(qpos) < MAX_COORDINATE, qpos, 0.0)

@@ -38,7 +38,7 @@ def observe_ego(drones: Drones, target: jax.Array) -> jax.Array:
     """
     other = Drones(*(jnp.flip(field, axis=0) for field in drones))
     own = drones.quaternion
-    into = lambda vector: rotate_inverse(own, vector)  # noqa: E731
+    into = lambda vector: rotate_inverse(own, vector)
     gravity = rotate_inverse(own, jnp.broadcast_to(jnp.asarray(DOWN), (NUM_AGENTS, 3)))
     return jnp.concatenate(
         [

@@ -1,14 +1,14 @@
 """The reward of eq. 9-12, term by term. Plain arrays of one fight.
 
-    r_d = dt [w (1 - tanh(|p_d - p_a| / c1)) - 0.05 |v_d|^2 - 0.01 |w_d|^2] + win - lose - crash
-    r_a = dt [w (1 - tanh(|p_a - p_t| / c2)) - 0.05 |v_a|^2 - 0.01 |w_a|^2] + win - lose - crash
+r_d = dt [w (1 - tanh(|p_d - p_a| / c1)) - 0.05 |v_d|^2 - 0.01 |w_d|^2] + win - lose - crash
+r_a = dt [w (1 - tanh(|p_a - p_t| / c2)) - 0.05 |v_a|^2 - 0.01 |w_a|^2] + win - lose - crash
 """
 
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.config import Config
 from dronecombat_jax.combat.rules import Events, timeout_decides
+from dronecombat_jax.config import Config
 from dronecombat_jax.types import Cause, Drones, RewardTerms
 
 
@@ -32,7 +32,7 @@ def reward_terms(
     distance_scale = jnp.asarray([weights.defender_distance_scale, weights.attacker_distance_scale])
     approach = weights.approach_weight * (1.0 - jnp.tanh(distance / distance_scale))
 
-    is_cause = lambda name: (cause == name).astype(jnp.float32)  # noqa: E731
+    is_cause = lambda name: (cause == name).astype(jnp.float32)
     intercept, reached = is_cause(Cause.INTERCEPT), is_cause(Cause.REACHED)
     timeout = is_cause(Cause.TIMEOUT) * float(timeout_decides(game))
     win = weights.win * jnp.stack([intercept, reached])

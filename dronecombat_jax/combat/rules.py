@@ -1,6 +1,6 @@
 """The rules: which events a control step contains, what ends the fight and who has won.
 
-Plain arrays of one fight; no simulator and no reward in here. SPEC 2.
+Plain arrays of one fight; no simulator and no reward in here.
 """
 
 from typing import NamedTuple
@@ -53,7 +53,7 @@ def detect(
 
 
 def judge(game: GameConfig, events: Events) -> jax.Array:
-    """The `Cause` [] int32 that ends the fight in this step, or NONE; precedence as in SPEC 2."""
+    """The `Cause` [] int32 that ends the fight in this step, or NONE; the first of simultaneous events counts."""
     defender_down, attacker_down = events.down[DEFENDER], events.down[ATTACKER]
     defender_crash = events.crashed[DEFENDER] & (game.crash_rule == "ends")
     attacker_crash = events.crashed[ATTACKER] & (game.crash_rule != "grounded")

@@ -1,4 +1,4 @@
-"""One training iteration of IPPO: collect, estimate advantages, update each learner on its own. SPEC 5."""
+"""One training iteration of IPPO: collect, estimate advantages, update each learner on its own."""
 
 from typing import NamedTuple
 
@@ -68,19 +68,25 @@ def iterate(
     """One iteration. `learning` [A] bool: an agent that does not learn keeps every bit of its state."""
     learn = combat.config.learn
     env, rollout = collect(combat, learners, env, keys.noise, keys.spawn, absent_defender)
-    updated, metrics = [], []
+    results = []
     for agent in range(NUM_AGENTS):
-        learner = select(learners, agent)
-        update = lambda learner, agent=agent: update_learner(  # noqa: E731
-            learn, learner, rollout, agent, jax.random.fold_in(keys.shuffle, agent)
-        )
-        skip = lambda learner: (learner, jax.tree.map(jnp.zeros_like, jax.eval_shape(update, learner)[1]))  # noqa: E731
-        learner, metric = jax.lax.cond(learning[agent], update, skip, learner)
-        updated.append(learner)
-        metrics.append(metric)
-    stack = lambda *leaves: jnp.stack(leaves)  # noqa: E731
-    report = summarize(rollout, absent_defender, jax.tree.map(stack, *metrics))
-    return jax.tree.map(stack, *updated), env, report
+        key = jax.random.fold_in(keys.shuffle, agent)
+        results.append(_update_if(learning[agent], learn, select(learners, agent), rollout, agent, key))
+    learners, metrics = jax.tree.map(lambda *leaves: jnp.stack(leaves), *results)
+    return learners, env, summarize(rollout, absent_defender, metrics)
+
+
+def _update_if(
+    learning: jax.Array, learn: LearnConfig, learner: Learner, rollout: Transition, agent: int, key: jax.Array
+) -> tuple[Learner, UpdateMetrics]:
+    def update(learner: Learner) -> tuple[Learner, UpdateMetrics]:
+        return update_learner(learn, learner, rollout, agent, key)
+
+    def skip(learner: Learner) -> tuple[Learner, UpdateMetrics]:
+        _, metrics = jax.eval_shape(update, learner)
+        return learner, jax.tree.map(jnp.zeros_like, metrics)
+
+    return jax.lax.cond(learning, update, skip, learner)
 
 
 def update_learner(
@@ -126,7 +132,7 @@ def estimate_values(
 
     def successor(step: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
         truncated, final, following = step
-        bootstrap = lambda: jnp.where(truncated, evaluate(final), following)  # noqa: E731
+        bootstrap = lambda: jnp.where(truncated, evaluate(final), following)
         return jax.lax.cond(jnp.any(truncated), bootstrap, lambda: following)
 
     return value, jax.lax.map(successor, (rollout.truncated, final, following))
@@ -176,7 +182,7 @@ def optimize(learn: LearnConfig, learner: Learner, batch: Batch, key: jax.Array)
         moved = optax.apply_updates(parameters, jax.tree.map(lambda leaf: -learning_rate * leaf, direction))
         # A step whose gradient is not finite is skipped: parameters and moments stay as they are.
         finite = jnp.isfinite(norm)
-        keep = lambda new, old: jnp.where(finite, new, old)  # noqa: E731
+        keep = lambda new, old: jnp.where(finite, new, old)
         carry = (jax.tree.map(keep, moved, parameters), jax.tree.map(keep, stepped, state), learning_rate)
         return carry, (*metrics, norm, ~finite)
 

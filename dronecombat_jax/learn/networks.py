@@ -1,4 +1,4 @@
-"""Policy and value networks: plain functions on `MLP` and `Parameters`. SPEC 5."""
+"""Policy and value networks: plain functions on `MLP` and `Parameters`."""
 
 import jax
 import jax.numpy as jnp

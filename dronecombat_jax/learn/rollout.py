@@ -44,13 +44,11 @@ def collect(
     return jax.lax.scan(fly, env, (noise, draws))
 
 
-def act(
-    learn: LearnConfig, learners: Learner, observation: jax.Array, noise: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+def act(learn: LearnConfig, learners: Learner, observation: jax.Array, noise: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Draw both agents' actions [N, A, 4] and their log-probabilities [N, A].
 
     `observation` [N, A, 35], `noise` [N, A, 4] standard normal. The log-probability is that of the
-    unclipped Gaussian action, unless `clip_actions` (which stops learning; SPEC 5, trap 5).
+    unclipped Gaussian action, unless `clip_actions` (with which nothing is learnt: docs/fidelity.md).
     """
     actions, log_probs = [], []
     for agent in range(NUM_AGENTS):  # unrolled: two plain products beat one batched product on a CPU

@@ -37,19 +37,19 @@ class Caption:
         middle = self.height - band / 2
         self.draw.rectangle((0, self.height - band, self.width, self.height), fill=_PANEL)
         left = 0.03 * self.width
-        for name, colour in ((*zip(ROLES, TEAM_COLOURS, strict=True), ("target", TARGET_COLOUR))):
+        for name, colour in (*zip(ROLES, TEAM_COLOURS, strict=True), ("target", TARGET_COLOUR)):
             radius = 0.011 * self.height
             self.draw.ellipse((left - radius, middle - radius, left + radius, middle + radius), fill=to_bytes(colour))
             self._text((left + 2 * radius, middle), name, size, anchor="lm")
             left += 4.5 * radius + self._font(size, False).getlength(name)
         self._text((0.97 * self.width, middle), note, size, colour=_GREY, anchor="rm")
 
-    def label(self, at: np.ndarray, text: str, colour: Sequence[float], above: float = 0.05) -> None:
-        """A word above the point `at` [2], each in [-1, 1] with y up, kept inside the picture."""
+    def label(self, at: np.ndarray, text: str, colour: Sequence[float], below: float = 0.05) -> None:
+        """A word below the point `at` [2], each in [-1, 1] with y up, kept inside the picture."""
         size = 0.024
         half = self._font(size, True).getlength(text) / 2 + 0.012 * self.height
         x = float(np.clip((at[0] + 1) / 2 * self.width, half, self.width - half))
-        y = float(np.clip((1 - at[1]) / 2 * self.height - above * self.height, 0.15 * self.height, 0.9 * self.height))
+        y = float(np.clip((1 - at[1]) / 2 * self.height + below * self.height, 0.15 * self.height, 0.9 * self.height))
         tall = 0.019 * self.height
         self.draw.rounded_rectangle((x - half, y - tall, x + half, y + tall), radius=tall / 2, fill=_PANEL)
         self._text((x, y), text, size, colour=lighten(colour), bold=True, anchor="mm")
@@ -79,8 +79,15 @@ class Caption:
         """The finished picture, uint8 [height, width, 3]."""
         return np.asarray(Image.alpha_composite(self.image, self.layer).convert("RGB"))
 
-    def _text(self, at: tuple[float, float], text: str, size: float, colour: Colour = _WHITE, bold: bool = False,
-              anchor: str = "lm") -> None:
+    def _text(
+        self,
+        at: tuple[float, float],
+        text: str,
+        size: float,
+        colour: Colour = _WHITE,
+        bold: bool = False,
+        anchor: str = "lm",
+    ) -> None:
         self.draw.text(at, text, font=self._font(size, bold), fill=colour, anchor=anchor)
 
     def _font(self, size: float, bold: bool) -> ImageFont.FreeTypeFont:
@@ -90,7 +97,7 @@ class Caption:
 def drawn_note(speed: float | None = None) -> str:
     """What a viewer must know about the picture: the drones' enlargement and the playing speed."""
     note = f"drones drawn {ENLARGEMENT:g} times their size"
-    return note if speed in (None, 1.0) else f"{note}, played at {speed:g} of real speed"
+    return note if speed in (None, 1.0) else f"{note}, played at {speed:g} times real speed"
 
 
 def to_bytes(colour: Sequence[float]) -> Colour:

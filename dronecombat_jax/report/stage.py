@@ -32,7 +32,7 @@ class Stage:
         self.model = copy.copy(scene.full)  # the camera of the copy moves back, its buffer fits the picture
         self.model.vis.global_.offwidth, self.model.vis.global_.offheight = width, height
         self.model.vis.quality.offsamples = 4
-        self.model.vis.quality.shadowsize = 2048
+        self.model.vis.quality.shadowsize = 1024
         self.data = mujoco.MjData(self.model)
         self.context = open_context(width, height)
         self.renderer = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
@@ -56,13 +56,14 @@ class Stage:
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
 
-    def fit_arena_camera(self, points: np.ndarray, aspect: float, margin: float = 0.93) -> None:
-        """Move the arena camera straight back until every one of `points` [K, 3] is in the picture."""
+    def fit_arena_camera(self, points: np.ndarray, aspect: float) -> None:
+        """Move the arena camera straight back until `points` [K, 3] are in the picture, clear of its captions."""
         camera = self.scene.arena_camera
         for _ in range(60):
             mujoco.mj_kinematics(self.model, self.data)
             mujoco.mj_camlight(self.model, self.data)
-            if np.all(np.abs(self.project(points, aspect)) < margin):
+            across, up = self.project(points, aspect).T
+            if np.abs(across).max() < 0.95 and up.max() < 0.72 and up.min() > -0.85:
                 return
             backwards = self.data.cam_xmat[camera].reshape(3, 3)[:, 2]
             self.model.cam_pos[camera] += 0.5 * backwards
@@ -145,6 +146,7 @@ class Stage:
 
     def _update(self, camera: Any, true_drones: bool) -> None:
         self.options.geomgroup[_DRONES] = int(true_drones)
+        self.visuals.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = int(not true_drones)  # a third of the time, barely seen
         self.options.sitegroup[_BUBBLES] = 0  # drawn here with the radii of the rules in force, without shadow
         mujoco.mjv_updateScene(
             self.model, self.data, self.options, None, camera, mujoco.mjtCatBit.mjCAT_ALL.value, self.visuals
@@ -176,17 +178,20 @@ def open_context(width: int, height: int) -> Any:
     import where EGL is absent; hence EGL is loaded here, when a picture is wanted.
     Raises UserError with the Debian packages to install.
     """
-    chosen = os.environ.get("MUJOCO_GL", "").strip().lower()
     try:
-        if platform.system() == "Linux" and chosen in ("", "egl"):
-            from mujoco.egl import GLContext
-        else:
-            from mujoco import GLContext
-        context = GLContext(width, height)
+        context = _context_class()(width, height)
         context.make_current()
     except Exception as error:  # PyOpenGL fails with whatever a missing library makes it trip over
         raise UserError(_no_opengl(error)) from None
     return context
+
+
+def _context_class() -> Any:
+    if platform.system() == "Linux" and os.environ.get("MUJOCO_GL", "").strip().lower() in ("", "egl"):
+        from mujoco.egl import GLContext
+    else:
+        from mujoco import GLContext
+    return GLContext
 
 
 def _no_opengl(error: Exception) -> str:

@@ -22,7 +22,7 @@ from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Cause, Trajectory
 PICTURE_SIZE = (1600, 900)
 VIDEO_SIZE = (960, 540)  # both even, as yuv420p wants
 FRAME_RATE = 25
-SHORTEST_VIDEO = 5.0  # s; a shorter fight is played slower
+SHORTEST_VIDEO, LONGEST_VIDEO = 3.0, 8.0  # s; other fights are played slower or faster
 HOLD = 2.0  # s, the outcome stays at the end
 _NEUTRAL = (0.85, 0.87, 0.90)
 
@@ -84,8 +84,13 @@ def finite_part(trajectory: Trajectory) -> Trajectory:
 
 
 def playback_speed(duration: float) -> float:
-    """1, or the largest of 1/2, 1/4, 1/8 that makes a fight of `duration` s last `SHORTEST_VIDEO`."""
-    return next((speed for speed in (1.0, 0.5, 0.25) if duration / speed >= SHORTEST_VIDEO), 0.125)
+    """The power of 2 nearest to real speed at which `duration` s fill an agreeable video; at least 1/8."""
+    speed = 1.0
+    while duration / speed < SHORTEST_VIDEO and speed > 0.125:
+        speed /= 2.0
+    while duration / speed > LONGEST_VIDEO:
+        speed *= 2.0
+    return speed
 
 
 def interpolate(fight: Trajectory, time: float) -> np.ndarray:
@@ -185,7 +190,9 @@ def _inset(stage: Stage, fight: Trajectory, qpos: np.ndarray, drone: int, radii:
     return stage.pixels(width, height), left, VIDEO_SIZE[1] * 145 // 1000
 
 
-def _add_bubbles(stage: Stage, fight: Trajectory, qpos: np.ndarray, radii: tuple[float, float], cores: bool = False) -> None:
+def _add_bubbles(
+    stage: Stage, fight: Trajectory, qpos: np.ndarray, radii: tuple[float, float], cores: bool = False
+) -> None:
     """The radii of the rules: interception around the defender, reach around the target."""
     stage.add_bubble(fight.target, radii[1], TARGET_COLOUR, 0.22)
     stage.add_bubble(fight.target, 0.06, TARGET_COLOUR, 1.0)
@@ -195,14 +202,21 @@ def _add_bubbles(stage: Stage, fight: Trajectory, qpos: np.ndarray, radii: tuple
 
 def _label_ends(stage: Stage, caption: Caption, fight: Trajectory) -> None:
     aspect = PICTURE_SIZE[0] / PICTURE_SIZE[1]
-    places = [(fight.target, "target", TARGET_COLOUR)]
-    places += [(_poses(fight, drone)[0, :3], f"{ROLES[drone]} starts", TEAM_COLOURS[drone]) for drone in _present(fight)]
-    for point, text, colour in places:
-        caption.label(stage.project(point, aspect)[0], text, colour, above=0.06)
+    foot = np.array([1.0, 1.0, 0.0])
+    places = [(fight.target * foot, "target", TARGET_COLOUR, 0.045)]
+    for drone in _present(fight):
+        start, text = _poses(fight, drone)[0, :3], f"{ROLES[drone]}'s start"
+        below = drone == DEFENDER  # the fight is between the two: label both on the far side
+        places.append((start * foot if below else start, text, TEAM_COLOURS[drone], 0.045 if below else -0.06))
+    for point, text, colour, offset in places:
+        caption.label(stage.project(point, aspect)[0], text, colour, below=offset)
 
 
 def _speeds(fight: Trajectory, index: int) -> str:
-    parts = [f"{ROLES[drone]} {np.linalg.norm(fight.qvel[index, 6 * drone : 6 * drone + 3]):.1f} m/s" for drone in _present(fight)]
+    parts = [
+        f"{ROLES[drone]} {np.linalg.norm(fight.qvel[index, 6 * drone : 6 * drone + 3]):.1f} m/s"
+        for drone in _present(fight)
+    ]
     if DEFENDER in _present(fight):
         parts.append(f"{np.linalg.norm(fight.qpos[index, :3] - fight.qpos[index, 7:10]):.2f} m apart")
     parts.append(f"attacker {np.linalg.norm(fight.qpos[index, 7:10] - fight.target):.2f} m from the target")

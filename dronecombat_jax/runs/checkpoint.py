@@ -189,7 +189,7 @@ def _read(checkpoint: Path, manifest: Manifest) -> Arrays:
     except Exception as error:
         reason = " ".join(str(error).split())[:200]
         raise DamagedCheckpoint(f"{checkpoint} cannot be read: {type(error).__name__}: {reason}") from error
-    if digest != manifest.digest:
+    if digest != manifest.digest or leaves_of(arrays) != manifest.leaves:
         raise DamagedCheckpoint(f"{checkpoint} is damaged: its arrays do not match their sha256")
     return arrays
 

@@ -76,7 +76,7 @@ def summary(config: Config, result: FightResult) -> dict[str, Any]:
     table = np.asarray(outcome_table(config.game))
     winners = table[result.cause]
     seconds = result.steps * config.control_dt
-    share = lambda hits: _wilson(int(np.sum(hits)), fights)  # noqa: E731
+    share = lambda hits: _wilson(int(np.sum(hits)), fights)
     return {
         "fights": fights,
         "win": {outcome.name.lower(): share(winners == outcome) for outcome in Outcome},
@@ -112,7 +112,9 @@ def report_text(result: dict[str, Any]) -> str:
             if group == "win" or share > 0:
                 lines.append(f"  {group:<6} {name:<15} {share:6.3f}  [{low:.3f}, {high:.3f}]")
     length = result["seconds"]
-    lines.append(f"  length {length['mean']:.2f} s (median {length['p50']:.2f}, 5-95 % {length['p5']:.2f}-{length['p95']:.2f})")
+    lines.append(
+        f"  length {length['mean']:.2f} s (median {length['p50']:.2f}, 5-95 % {length['p5']:.2f}-{length['p95']:.2f})"
+    )
     return "\n".join(lines)
 
 

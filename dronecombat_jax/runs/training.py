@@ -19,7 +19,7 @@ from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_DATA, EX
 from dronecombat_jax.runs import checkpoint
 from dronecombat_jax.runs.atomic import write_atomic
 from dronecombat_jax.runs.metrics import MetricsWriter, truncate_after
-from dronecombat_jax.runs.progress import Progress, ProgressUpdate, make_progress
+from dronecombat_jax.runs.progress import Progress, make_progress
 from dronecombat_jax.runs.records import progress_update, records
 from dronecombat_jax.runs.rundir import RunDirectory, claim_run, rescue_run, still_there
 from dronecombat_jax.runs.signals import StopFlag, stop_signals
@@ -64,13 +64,18 @@ def _last_iteration(run: RunDirectory, config: Config) -> int | None:
     """Where the run in this directory stopped; None for a new one. Needs no JAX."""
     if not run.config.exists():
         if checkpoint.steps(run.checkpoints):
-            raise UserError(f"{run.config} is missing, though {run.checkpoints} holds checkpoints; restore it, or choose another --name", EXIT_DATA)
+            raise UserError(
+                f"{run.config} is missing, though {run.checkpoints} holds checkpoints; choose another --name", EXIT_DATA
+            )
         return None
     stored = settings.load(run.config, {})
     changed = [row for row in settings.diff(stored, config) if not row[0].startswith(MAY_CHANGE)]
     if changed:
         listed = "; ".join(f"{key} was {old!r}, now {new!r}" for key, old, new in changed)
-        raise UserError(f"run {run.path} was made with other settings: {listed}. Choose another --name, or the old settings", EXIT_CONFIG)
+        raise UserError(
+            f"run {run.path} was made with other settings: {listed}. Choose another --name, or the old settings",
+            EXIT_CONFIG,
+        )
     return checkpoint.latest(run.checkpoints)
 
 
@@ -89,7 +94,7 @@ def _greet(run: RunDirectory, config: Config, start: int | None) -> None:
 
 @contextmanager
 def _stopping(progress: Progress) -> Iterator[StopFlag]:
-    announce = lambda name: progress.message(f"{name}: saving and stopping; once more to stop at once")  # noqa: E731
+    announce = lambda name: progress.message(f"{name}: saving and stopping; once more to stop at once")
     with stop_signals(announce) as stop:
         yield stop
 
@@ -109,7 +114,14 @@ def _prepare(run: RunDirectory, config: Config, start: int | None, progress: Pro
         _save(run, config, jax.device_get(state))  # before the compilation, which no signal can interrupt
     else:
         template = jax.eval_shape(init)
-        state = jax.device_put(checkpoint.restore(run.checkpoints, start, template, hint="learn.hidden_sizes"))
+        state = jax.device_put(
+            checkpoint.restore(
+                run.checkpoints,
+                start,
+                template,
+                hint="were learn.hidden_sizes, train.num_envs or train.num_seeds changed?",
+            )
+        )
         truncate_after(run.metrics, start * config.steps_per_iteration)
     with progress.compiling("the training program"):
         program = jax.jit(build_advance(combat, call_iterations(config)), donate_argnums=0).lower(state).compile()
@@ -119,49 +131,59 @@ def _prepare(run: RunDirectory, config: Config, start: int | None, progress: Pro
 def _run_chunks(
     run: RunDirectory, config: Config, state: Any, advance: Advance, progress: Progress, stop: StopFlag
 ) -> int:
+    """Advance until done or asked to stop; returns the exit code."""
     import jax
 
-    chunk_iterations = config.train.chunk_iterations
-    iteration = int(state.iteration[0])
-    last = config.num_chunks * chunk_iterations
-    failed_save: UserError | None = None
+    iteration, last = int(state.iteration[0]), config.num_chunks * config.train.chunk_iterations
+    saver = _Saver(run, config, progress)
+    stopping = bool(stop)
     with MetricsWriter(run.metrics, run.tensorboard, resume_steps=iteration * config.steps_per_iteration) as metrics:
-        while iteration < last and not stop:
+        while iteration < last and not stopping:
             state, report = advance(state)
             report = jax.device_get(report)
-            rows = records(config, report, iteration)
+            for record in records(config, report, iteration):
+                metrics.write(record)
             iteration += call_iterations(config)
-            for row in rows:
-                metrics.write(row)
             progress.update(progress_update(config, report, iteration))
             _refuse_divergence(config, report, iteration)
-            if iteration % chunk_iterations == 0 or stop:
+            stopping = bool(stop)  # read once: what stops the loop must also have saved
+            if iteration % config.train.chunk_iterations == 0 or stopping:
                 metrics.sync()
-                run, failed_save = _try_save(run, config, jax.device_get(state), progress, failed_save)
-    if stop and iteration < last:
-        progress.message(f"stopped after {iteration * config.steps_per_iteration:,} environment steps per seed; the same command goes on")
+                saver.save(jax.device_get(state))
+    saver.finish()
+    if iteration < last:
+        done = iteration * config.steps_per_iteration
+        progress.message(f"stopped after {done:,} environment steps per seed; the same command goes on")
         return EXIT_STOPPED
-    if failed_save is not None:
-        raise failed_save
     return 0
 
 
-def _try_save(
-    run: RunDirectory, config: Config, state: Any, progress: Progress, failed_before: UserError | None
-) -> tuple[RunDirectory, UserError | None]:
-    """Save; a disk that refuses is forgiven once, until the next boundary. A directory that has gone is replaced."""
-    if not still_there(run):
-        run = rescue_run(run)
-        progress.message(f"the run's directory has gone; saving in {run.path} from now on")
-        write_atomic(run.config, settings.to_toml(config))
-    try:
-        _save(run, config, state)
-    except UserError as error:
-        if error.exit_code != EXIT_CANNOT_WRITE or failed_before is not None:
-            raise
-        progress.message(f"warning: {error.message}; trying again at the next save")
-        return run, error
-    return run, None
+class _Saver:
+    """Saves at chunk boundaries. A disk that refuses is forgiven once; a directory that has gone is replaced."""
+
+    def __init__(self, run: RunDirectory, config: Config, progress: Progress):
+        self.run, self.config, self.progress = run, config, progress
+        self.refused: UserError | None = None
+
+    def save(self, state: Any) -> None:
+        """Save `state` (NumPy leaves). Raises UserError 73 where the disk refuses twice running."""
+        if not still_there(self.run):
+            self.run = rescue_run(self.run)
+            self.progress.message(f"the run's directory has gone; checkpoints go to {self.run.path} from now on")
+            write_atomic(self.run.config, settings.to_toml(self.config))
+        try:
+            _save(self.run, self.config, state)
+            self.refused = None
+        except UserError as error:
+            if error.exit_code != EXIT_CANNOT_WRITE or self.refused is not None:
+                raise
+            self.refused = error
+            self.progress.message(f"warning: {error.message}; trying again at the next save")
+
+    def finish(self) -> None:
+        """Raise the refusal that no later save has made good."""
+        if self.refused is not None:
+            raise self.refused
 
 
 def _save(run: RunDirectory, config: Config, state: Any) -> Path:

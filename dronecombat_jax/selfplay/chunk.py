@@ -1,4 +1,4 @@
-"""The training program: some iterations of IPPO for every seed, as one jitted function. SPEC 5 and 6.
+"""The training program: some iterations of IPPO for every seed, as one jitted function.
 
 A run is a pure function of its configuration and seed. Every key is
 fold_in(fold_in(key(seed), iteration), purpose), so a run resumed at any iteration is bit for bit
@@ -35,7 +35,7 @@ def init_state(combat: Combat) -> TrainState:
 
     def init_seed(seed: jax.Array) -> TrainState:
         keys = jax.random.split(_key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS), NUM_AGENTS)
-        learner = lambda key: init_learner(key, combat.config.learn)  # noqa: E731
+        learner = lambda key: init_learner(key, combat.config.learn)
         return TrainState(
             learners=jax.vmap(learner)(keys),
             env=reset_fights(combat, seed, jnp.zeros((), jnp.int32)),
@@ -67,9 +67,7 @@ def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, It
     """One iteration of one seed: at a chunk's start reset the fights, then fly and learn."""
     config = combat.config
     starts_chunk = state.iteration % config.train.chunk_iterations == 0
-    env = jax.lax.cond(
-        starts_chunk, lambda: reset_fights(combat, state.seed, state.iteration), lambda: state.env
-    )
+    env = jax.lax.cond(starts_chunk, lambda: reset_fights(combat, state.seed, state.iteration), lambda: state.env)
     alone = attacker_alone(config, state.iteration)
     learners, env, metrics = iterate(
         combat,

@@ -31,7 +31,7 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
         drones = split(qpos, qvel)
         torque = moment
         if sim.gyroscopic == "implicit":
-            torque = torque + gyroscopic_correction(drones.rate, inertia, sim.timestep)
+            torque = torque + gyroscopic_correction(drones.rate, moment, inertia, sim.timestep)
         force = thrust[:, None] * body_z(drones.quaternion)
         applied = jnp.concatenate([force, torque], axis=-1).reshape(-1)
         data = mjx.step(model, template.replace(qpos=qpos, qvel=qvel, qfrc_applied=applied))
@@ -64,19 +64,21 @@ def hover_command(thrust_to_weight: float) -> float:
     return 2.0 / thrust_to_weight - 1.0
 
 
-def gyroscopic_correction(rate: jax.Array, inertia: jax.Array, timestep: float) -> jax.Array:
+def gyroscopic_correction(rate: jax.Array, moment: jax.Array, inertia: jax.Array, timestep: float) -> jax.Array:
     """Torque [A, 3] in N m that turns an explicit gyroscopic term into a backward-Euler one.
 
-    With f = w x (I w) and one Newton step on the implicit equation, J = I + h([w]x I - [I w]x),
-    w' = w - J^-1 h f; the integrator itself applies -f, so the correction is I (w' - w) / h + f.
-    It reproduces C MuJoCo's `implicit` integrator for a free body and never gains energy
-    (Catto, "Numerical Methods", GDC 2015). `rate` [A, 3] in the body frame, `inertia` [A, 3] diagonal.
+    With f = w x (I w), applied moment m and one Newton step on the implicit equation,
+    J = I + h([w]x I - [I w]x), w' = w + J^-1 h (m - f); the integrator itself applies m - f, so the
+    correction is I (w' - w) / h + f - m. The moment belongs inside: left out, flights under
+    saturated moments part from C MuJoCo's `implicit` integrator by radians per second.
+    Without a moment it never gains energy (Catto, "Numerical Methods", GDC 2015).
+    `rate`, `moment` [A, 3] in the body frame, `inertia` [A, 3] diagonal.
     """
     momentum = inertia * rate
-    gyroscopic = jnp.cross(rate, momentum)
+    explicit = moment - jnp.cross(rate, momentum)
     jacobian = timestep * (skew(rate) * inertia[..., None, :] - skew(momentum))
     jacobian = jacobian + inertia[..., None, :] * jnp.eye(3, dtype=rate.dtype)
-    return gyroscopic - inertia * solve_3x3(jacobian, gyroscopic)
+    return inertia * solve_3x3(jacobian, explicit) - explicit
 
 
 def skew(v: jax.Array) -> jax.Array:

@@ -20,7 +20,7 @@ from dronecombat_jax.runs.checkpoint import CheckpointError
 
 
 class Moments(NamedTuple):
-    count: np.ndarray
+    steps: np.ndarray
     mu: dict[str, np.ndarray]
 
 

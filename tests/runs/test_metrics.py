@@ -1,6 +1,5 @@
 """The record of a run: appended line by line, cut at a resume, never torn in the middle."""
 
-import json
 import math
 import os
 from pathlib import Path

@@ -52,7 +52,6 @@ def test_one_signal_saves_and_stops(number: signal.Signals):
 def test_one_signal_delivered_twice_counts_once():
     with start(LOOP, "0.3") as child:
         child.send_signal(signal.SIGTERM)
-        time.sleep(0.01)
         child.send_signal(signal.SIGTERM)
         output, _ = child.communicate(timeout=10)
     assert output.endswith("saved\n") and child.returncode == EXIT_STOPPED

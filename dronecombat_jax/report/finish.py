@@ -1,0 +1,59 @@
+"""What a finished run leaves for a person: learning curves, an evaluation, a picture and a video of a fight."""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from dronecombat_jax.arena.match import policy_pilot, record, start_fights, trajectory
+from dronecombat_jax.config import Config
+from dronecombat_jax.errors import UserError
+from dronecombat_jax.report.figures import learning_curves
+from dronecombat_jax.report.video import render_fight
+from dronecombat_jax.runs import metrics
+from dronecombat_jax.runs.evaluation import SavedRun, evaluate, load_run, policies
+from dronecombat_jax.runs.rundir import RunDirectory
+from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, FightRecord, Policy, Trajectory
+
+RECORDED_FIGHTS = 32
+
+
+def finish(config: Config) -> None:
+    """Draw, evaluate and film the run that `config.run` names. What cannot be drawn is said in one line."""
+    run = RunDirectory(Path(config.run.directory) / config.run.name)
+    if config.run.figures:
+        learning_curves(metrics.read(run.metrics), run.figures / "learning.png", run.name)
+        print(f"learning curves: {run.figures / 'learning.png'}", flush=True)
+    evaluate(run.path, config.run.evaluation_fights)
+    if config.run.video:
+        saved = load_run(run.path)
+        fight = typical_fight(saved, 0)
+        try:
+            render_fight(fight, saved.combat.scene, run.figures / "fight.png", run.video)
+        except UserError as error:
+            print(f"no picture of a fight: {error.message}", flush=True)
+        else:
+            print(f"a fight: {run.figures / 'fight.png'} and {run.video}", flush=True)
+
+
+def typical_fight(run: SavedRun, seed_index: int) -> Trajectory:
+    """The fight of median length among those that ended in the most frequent way; strikes come first."""
+    fights = record_fights(run, seed_index)
+    cause, steps = np.asarray(fights.result.cause), np.asarray(fights.result.steps)
+    struck = np.isin(cause, (Cause.INTERCEPT, Cause.REACHED))
+    pool = np.flatnonzero(struck) if struck.any() else np.arange(len(cause))
+    commonest = np.bincount(cause[pool]).argmax()
+    pool = pool[cause[pool] == commonest]
+    return trajectory(run.combat, fights, int(pool[np.argsort(steps[pool])[len(pool) // 2]]))
+
+
+def record_fights(run: SavedRun, seed_index: int, fights: int = RECORDED_FIGHTS, seed: int = 0) -> FightRecord:
+    """Record fights of one seed's policies flying their mean actions; NumPy leaves."""
+
+    def match(defender: Policy, attacker: Policy, key: jax.Array) -> FightRecord:
+        learn = run.config.learn
+        start_key, fight_key = jax.random.split(key)
+        pilots = (policy_pilot(learn, defender, DEFENDER), policy_pilot(learn, attacker, ATTACKER))
+        return record(run.combat, *pilots, start_fights(run.combat, start_key, fights), fight_key)
+
+    return jax.device_get(jax.jit(match)(*policies(run, seed_index), jax.random.key(seed)))

@@ -1,0 +1,83 @@
+"""Learning curves: what is averaged, and every awkward run that must still give a picture."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
+from dronecombat_jax.report import figures
+from dronecombat_jax.report.figures import OUTCOMES, gather, learning_curves
+from dronecombat_jax.types import ROLES, Cause
+
+
+def record(seed: int, iteration: int, episodes: int, reached: float | None, **more: Any) -> dict[str, Any]:
+    values: dict[str, Any] = {"iteration": iteration, "steps": 100 * iteration, "seed": seed, "episodes": episodes}
+    values |= {f"outcome/{name}": None if reached is None else 0.0 for name in OUTCOMES}
+    if reached is not None:
+        values |= {"outcome/reached": reached, "outcome/timeout": 1.0 - reached, "episode_steps": 50.0 * iteration}
+        values |= {"win/attacker": reached, "win/draw": 1.0 - reached, "win/defender": 0.0}
+    for role in ROLES:
+        values |= {f"kl/{role}": 0.008, f"learning_rate/{role}": 3e-4, f"log_std/{role}": -0.1}
+        values |= {f"explained_variance/{role}": -5.0, f"return/{role}": None, f"crash/{role}": reached}
+    return values | more
+
+
+def test_every_ending_has_its_colour():
+    assert set(OUTCOMES) == {cause.name.lower() for cause in Cause if cause != Cause.NONE}
+
+
+def test_gather_aligns_seeds_and_keeps_gaps():
+    """Out of order, seed 7 without its second iteration, a null share: rows are seeds, gaps NaN."""
+    curves = gather([record(7, 1, 4, 0.5), record(3, 2, 4, None), record(3, 1, 4, 0.25)])
+    assert curves.seeds == [3, 7]
+    np.testing.assert_array_equal(curves.steps, [100, 200])
+    np.testing.assert_array_equal(curves.values["outcome/reached"], [[0.25, np.nan], [0.5, np.nan]])
+    np.testing.assert_array_equal(curves.values["kl/defender"], [[0.008, 0.008], [0.008, np.nan]])
+
+
+def test_bins_weigh_shares_by_the_fights_that_ended(monkeypatch: pytest.MonkeyPatch):
+    """Two bins of two: (1 of 1, 0 of 3) is 1/4 of the fights; (null, 1 of 2) is 1/2; learning rates weigh the same."""
+    monkeypatch.setattr(figures, "MOST_POINTS", 2)
+    rates = (1.0, 3.0, 5.0)
+    shares = ((1, 1.0), (3, 0.0), (0, None))
+    records = [
+        record(0, i + 1, n, share, **{"learning_rate/defender": rate})
+        for i, ((n, share), rate) in enumerate(zip(shares, rates, strict=True))
+    ]
+    curves = gather(records)
+    np.testing.assert_array_equal(curves.steps, [200, 300])
+    np.testing.assert_array_equal(curves.values["outcome/reached"], [[0.25, np.nan]])
+    np.testing.assert_array_equal(curves.values["learning_rate/defender"], [[2.0, 5.0]])
+
+
+RUNS = {
+    "one point": [record(0, 1, 3, 0.5)],
+    "no fight ended": [record(0, 1, 0, None), record(0, 2, 0, None)],
+    "several seeds, one shorter": [record(seed, i, 5, 0.1 * i) for seed in range(3) for i in range(1, 9 - seed)],
+    "keys missing": [{"steps": 10, "seed": 0}],
+    "rate of zero": [record(0, i, 2, 1.0, **{"kl/defender": 0.0, "kl/attacker": 0.0}) for i in (1, 2)],
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_every_run_gives_a_picture(name: str, tmp_path: Path):
+    path = tmp_path / "figures" / "learning.png"
+    learning_curves(RUNS[name], path, name)
+    with Image.open(path) as image:
+        assert image.width > 1000
+        assert np.asarray(image.convert("L")).std() > 5  # not blank
+    assert path.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+    assert sorted(file.name for file in path.parent.iterdir()) == ["learning.pdf", "learning.png"]
+
+
+def test_nothing_to_draw_and_nowhere_to_write(tmp_path: Path):
+    with pytest.raises(UserError, match="no iteration") as raised:
+        learning_curves([], tmp_path / "a.png", "empty")
+    assert raised.value.exit_code == EXIT_DATA
+    (tmp_path / "file").touch()
+    with pytest.raises(UserError, match="cannot write") as raised:
+        learning_curves(RUNS["one point"], tmp_path / "file" / "a.png", "nowhere")
+    assert raised.value.exit_code == EXIT_CANNOT_WRITE

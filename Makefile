@@ -33,7 +33,7 @@ format: $(VENV)/.dev ## let ruff format and repair
 	$(BIN)/ruff check --fix .
 
 bench: $(VENV)/.runtime ## measure throughput on this machine
-	$(BIN)/dronecombat bench $(ARGS)
+	$(BIN)/python benchmarks/throughput.py $(ARGS)
 
 clean: ## remove the environment and every cache; runs/ stays
 	rm -rf $(VENV) .cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist

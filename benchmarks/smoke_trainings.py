@@ -43,7 +43,7 @@ class Training(NamedTuple):
 
 def main() -> int:
     """Read the flags, run the trainings, print the table; 0 if all finished."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Run smoke trainings and count how many finish.")
     parser.add_argument("--runs", type=int, default=20, help="number of trainings (default %(default)s)")
     parser.add_argument("--limit", type=float, default=300.0, help="seconds each may take (default %(default)s)")
     parser.add_argument("--python", default=sys.executable, help="the interpreter (default: this one)")

@@ -99,9 +99,8 @@ class RewardConfig:
     linear_velocity_penalty: float = setting(0.05, "per (m/s)^2", low=0.0, high=100.0)
     angular_velocity_penalty: float = setting(0.01, "per (rad/s)^2", low=0.0, high=100.0)
     win: float = setting(300.0, "for intercepting (defender) or reaching the target (attacker)", low=0.0, high=1e5)
-    lose: float = setting(
-        300.0, "paid by the defender when the target is reached, by the attacker when intercepted", low=0.0, high=1e5
-    )
+    lose: float = setting(300.0, "paid by the defender when the target is reached", low=0.0, high=1e5)
+    intercepted: float = setting(300.0, "paid by the attacker when it is intercepted", low=0.0, high=1e5)
     crash_penalty: float = setting(10.0, "paid by a drone that crashes", low=0.0, high=1e5)
     crash_win: float = setting(
         300.0,

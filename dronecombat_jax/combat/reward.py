@@ -43,7 +43,7 @@ def reward_terms(
         linear_velocity=-dense * weights.linear_velocity_penalty * jnp.sum(drones.velocity**2, axis=-1),
         angular_velocity=-dense * weights.angular_velocity_penalty * jnp.sum(drones.rate**2, axis=-1),
         win=win,
-        lose=-weights.lose * jnp.stack([reached, intercept]),
+        lose=-jnp.stack([weights.lose * reached, weights.intercepted * intercept]),
         crash=-weights.crash_penalty * pays_crash.astype(jnp.float32),
         timeout=timeout * jnp.asarray([weights.timeout_win, -weights.timeout_penalty]),
     )

@@ -1,6 +1,6 @@
 """One training iteration of IPPO: collect, estimate advantages, update each learner on its own."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -40,8 +40,8 @@ class IterationKeys(NamedTuple):
     shuffle: jax.Array
 
 
-def optimizer(learn: LearnConfig) -> optax.GradientTransformation:
-    """Joint global-norm clip, then Adam's direction; the learning rate is applied by the update."""
+def optimizer(learn: LearnConfig) -> Any:
+    """Joint global-norm clip, then Adam's direction (an optax transformation); `optimize` applies the rate."""
     return optax.chain(optax.clip_by_global_norm(learn.max_grad_norm), optax.scale_by_adam(eps=1e-8))
 
 

@@ -15,7 +15,10 @@ def init_scaler(shape: tuple[int, ...]) -> Scaler:
 
 
 def update_scaler(scaler: Scaler, batch: jax.Array) -> Scaler:
-    """Take in `batch` [..., size] by the parallel-variance rule (Chan et al.), ddof 1 as torch.var."""
+    """Take in `batch` [..., size] by the parallel-variance rule (Chan et al.), ddof 1 as torch.var.
+
+    A batch that would make the statistics NaN or infinite is left out: they could never recover.
+    """
     axes = tuple(range(batch.ndim - scaler.mean.ndim))
     count = batch.size // max(scaler.mean.size, 1)
     mean = jnp.mean(batch, axis=axes)
@@ -23,7 +26,9 @@ def update_scaler(scaler: Scaler, batch: jax.Array) -> Scaler:
     total = scaler.count + count
     delta = mean - scaler.mean
     m2 = scaler.variance * scaler.count + variance * count + delta**2 * scaler.count * count / total
-    return Scaler(scaler.mean + delta * count / total, m2 / total, total)
+    updated = Scaler(scaler.mean + delta * count / total, m2 / total, total)
+    finite = jnp.all(jnp.isfinite(updated.mean) & jnp.isfinite(updated.variance))
+    return jax.tree.map(lambda new, old: jnp.where(finite, new, old), updated, scaler)
 
 
 def normalize(scaler: Scaler, x: jax.Array) -> jax.Array:

@@ -4,7 +4,7 @@ Defender blue, attacker orange, as in the scene; colours of Okabe and Ito, safe 
 Thin lines are seeds, thick ones their mean. Reading and writing the records is `runs.metrics`.
 """
 
-import os
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +15,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
+from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.runs.atomic import cannot_write, write_atomic
 from dronecombat_jax.types import ROLES
 
 MOST_POINTS = 200  # of one curve; longer runs are averaged in bins of equal numbers of iterations
@@ -29,6 +30,19 @@ OUTCOMES = {
     "diverged": ("diverged", "#4D4D4D"),
     "defender_crash": ("defender crashed", "#F5C36B"),
     "reached": ("target reached", "#D55E00"),
+}
+_SHARE = "share of ended fights"
+PANELS = {  # name of the records' keys: heading, what the axis counts, logarithmic
+    "win": ("Who wins", _SHARE, False),
+    "crash": ("Crashes", _SHARE, False),
+    "episode_steps": ("Length of a fight", "control steps", False),
+    "return": ("Return of a fight", "sum of rewards", False),
+    "explained_variance": ("Explained variance of the value", "1: perfect, 0: none", False),
+    "value_loss": ("Value loss", "normalised units", True),
+    "kl": ("KL divergence of the last epoch", "nat", True),
+    "learning_rate": ("Learning rate", "Adam's step size", True),
+    "log_std": ("Exploration", "log standard deviation", False),
+    "clip_fraction": ("Clipped probability ratios", "share of the batch", False),
 }
 # Means over the fights that ended in an iteration; all else is a mean over its steps or updates.
 _PER_FIGHT = ("outcome/", "win/", "crash/", "return/", "episode_steps")
@@ -48,34 +62,23 @@ def learning_curves(records: Sequence[Mapping[str, Any]], path_png: Path, title:
     Raises UserError where there is nothing to draw or a file cannot be written.
     """
     curves = gather(records)
-    figure = Figure(figsize=(16.0, 10.5), layout="constrained")
+    figure = Figure(figsize=(20.0, 10.5), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(3, 3, width_ratios=(1.25, 1.0, 1.0))
-    _draw_outcomes(axes[0, 0], curves)
-    _draw_lines(axes[0, 1], curves, {f"win/{side}": side for side in ("defender", "draw", "attacker")})
-    _finish(axes[0, 1], "Who wins", "share of ended fights", share=True)
-    _draw_lines(axes[0, 2], curves, {f"crash/{role}": role for role in ROLES})
-    _finish(axes[0, 2], "Crashes", "share of ended fights", share=True)
-    _draw_lines(axes[1, 0], curves, {"episode_steps": "both"})
-    _finish(axes[1, 0], "Length of a fight", "control steps")
-    axes[1, 0].set_ylim(bottom=0.0)
-    panels = (
-        (axes[1, 1], "return", "Return of a fight", "reward"),
-        (axes[1, 2], "explained_variance", "Explained variance of the value", "1: perfect, 0: none"),
-        (axes[2, 0], "kl", "Kullback-Leibler divergence, last epoch", "nat"),
-        (axes[2, 1], "learning_rate", "Learning rate", "of Adam"),
-        (axes[2, 2], "log_std", "Exploration", "log standard deviation of the actions"),
-    )
-    for ax, key, heading, unit in panels:
-        _draw_lines(ax, curves, {f"{key}/{role}": role for role in ROLES})
-        _finish(ax, heading, unit, log=key in ("kl", "learning_rate"))
-    if axes[1, 2].get_ylim()[0] < -1.0:
-        axes[1, 2].set_ylim(-1.0, 1.05)  # the first updates can be far below
-    for ax in axes.flat:
+    names = list(PANELS)
+    mosaic: list[Any] = [["outcome", "outcome", *names[:2]], names[2:6], names[6:]]
+    axes = figure.subplot_mosaic(mosaic)
+    _draw_outcomes(axes["outcome"], curves)
+    for name, (heading, unit, log) in PANELS.items():
+        _draw_lines(axes[name], curves, _lines(name))
+        _finish(axes[name], heading, unit, share=unit == _SHARE, log=log)
+    axes["episode_steps"].set_ylim(bottom=0.0)
+    if axes["explained_variance"].get_ylim()[0] < -1.0:
+        axes["explained_variance"].set_ylim(-1.0, 1.05)  # the first updates can be far below
+    for ax in axes.values():
         ax.set_xlim(0.0, curves.steps[-1] * (1.1 if len(curves.steps) == 1 else 1.0))
     seeds = "seed" if len(curves.seeds) == 1 else f"{len(curves.seeds)} seeds:"
-    names = ", ".join(map(str, curves.seeds[:10])) + (", ..." if len(curves.seeds) > 10 else "")
-    figure.suptitle(f"{title}  ({seeds} {names})", fontsize=16)
+    listed = ", ".join(map(str, curves.seeds[:10])) + (", ..." if len(curves.seeds) > 10 else "")
+    figure.suptitle(f"{title}  ({seeds} {listed})", fontsize=16)
     _save(figure, Path(path_png))
 
 
@@ -105,11 +108,17 @@ def gather(records: Sequence[Mapping[str, Any]]) -> Curves:
 
 
 def _keys() -> Iterable[str]:
-    yield "episode_steps"
     yield from (f"outcome/{name}" for name in OUTCOMES)
-    yield from (f"win/{side}" for side in ("defender", "draw", "attacker"))
-    for name in ("crash", "return", "explained_variance", "kl", "learning_rate", "log_std"):
-        yield from (f"{name}/{role}" for role in ROLES)
+    for panel in PANELS:
+        yield from _lines(panel)
+
+
+def _lines(panel: str) -> dict[str, str]:
+    """The keys of the records that a panel shows, and their labels."""
+    if panel == "episode_steps":
+        return {panel: "both"}
+    sides = ("defender", "draw", "attacker") if panel == "win" else ROLES
+    return {f"{panel}/{side}": side for side in sides}
 
 
 def _bin_means(curve: np.ndarray, weight: np.ndarray, size: int) -> np.ndarray:
@@ -140,7 +149,19 @@ def _draw_outcomes(ax: Axes, curves: Curves) -> None:
     _finish(ax, "How fights end", "share of ended fights", share=True, legend=False)
     if len(steps):
         handles, names = ax.get_legend_handles_labels()
-        ax.legend(handles[::-1], names[::-1], fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        ax.set_title("How fights end", fontsize=12, pad=24)
+        ax.legend(
+            handles,
+            names,
+            ncols=len(names),
+            fontsize=9,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 0.99),
+            frameon=False,
+            columnspacing=1.0,
+            handlelength=1.2,
+            handletextpad=0.4,
+        )
 
 
 def _draw_lines(ax: Axes, curves: Curves, lines: Mapping[str, str]) -> None:
@@ -174,7 +195,7 @@ def _finish(ax: Axes, heading: str, unit: str, *, share: bool = False, log: bool
     ax.xaxis.set_major_locator(MaxNLocator(6))
     if share:
         ax.set_ylim(-0.02 if legend else 0.0, 1.02 if legend else 1.0)
-    if log and drawn:
+    if log and any(np.any(np.asarray(line.get_ydata(), float) > 0) for line in ax.get_lines()):
         ax.set_yscale("log")
     if legend and len(ax.get_legend_handles_labels()[0]) > 1:
         ax.legend(fontsize=9, framealpha=0.85)
@@ -183,14 +204,14 @@ def _finish(ax: Axes, heading: str, unit: str, *, share: bool = False, log: bool
 
 
 def _save(figure: Figure, path: Path) -> None:
-    """Write the PNG and a PDF beside it, each under a temporary name first."""
+    """Write the PNG and a PDF beside it, each whole or not at all."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(path, error) from None
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # laid out: not once more for every file
     for target in (path, path.with_suffix(".pdf")):
-        partial = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(partial, dpi=120, format=target.suffix[1:])
-            os.replace(partial, target)
-        except OSError as error:
-            raise UserError(f"{target}: cannot write: {error.strerror or error}", EXIT_CANNOT_WRITE) from None
-        finally:
-            partial.unlink(missing_ok=True)
+        content = io.BytesIO()
+        figure.savefig(content, dpi=100, format=target.suffix[1:])
+        write_atomic(target, content.getvalue())

@@ -4,7 +4,8 @@ Both come from a `Trajectory`; nothing is simulated here. What does not live her
 cameras (`stage`) and the text (`caption`).
 """
 
-import os
+import io
+import tempfile
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -13,9 +14,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
+from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.report.caption import Caption, drawn_note
 from dronecombat_jax.report.stage import TARGET_COLOUR, TEAM_COLOURS, Stage
+from dronecombat_jax.runs.atomic import cannot_write, write_atomic
 from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Cause, Trajectory
 
@@ -56,13 +58,20 @@ def render_fight(
     fight = finite_part(trajectory)
     radii = (intercept_radius, reach_radius)
     width, height = np.maximum(PICTURE_SIZE, VIDEO_SIZE)
+    for path in filter(None, (path_png, path_mp4)):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise cannot_write(path, error) from None
     with Stage(scene, int(width), int(height)) as stage:
         stage.set_state(fight.qpos[0], fight.target)
         stage.fit_arena_camera(_points(fight, radii), VIDEO_SIZE[0] / VIDEO_SIZE[1])
         if path_png is not None:
-            _write(Path(path_png), lambda path: Image.fromarray(_picture(stage, fight, radii)).save(path, "PNG"))
+            content = io.BytesIO()
+            Image.fromarray(_picture(stage, fight, radii)).save(content, "PNG")
+            write_atomic(path_png, content.getvalue())
         if path_mp4 is not None:
-            _write(Path(path_mp4), lambda path: encode(_frames(stage, fight, radii), path))
+            write_atomic(path_mp4, encode(_frames(stage, fight, radii)))
 
 
 def finite_part(trajectory: Trajectory) -> Trajectory:
@@ -107,18 +116,21 @@ def interpolate(fight: Trajectory, time: float) -> np.ndarray:
     return mixed.reshape(14)
 
 
-def encode(frames: Iterator[np.ndarray], path: Path) -> None:
-    """Write frames, uint8 [height, width, 3] of `VIDEO_SIZE`, as h264 in an MP4 that any player opens."""
+def encode(frames: Iterator[np.ndarray]) -> bytes:
+    """Frames, uint8 [height, width, 3] of `VIDEO_SIZE`, as h264 in an MP4 that any player opens."""
     import av  # 60 ms that only a video needs
 
-    with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as container:
-        stream: Any = container.add_stream("libx264", rate=Fraction(FRAME_RATE))
-        stream.width, stream.height = VIDEO_SIZE
-        stream.pix_fmt = "yuv420p"
-        stream.options = {"crf": "20", "preset": "veryfast"}
-        for pixels in frames:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
-        container.mux(stream.encode(None))
+    with tempfile.TemporaryDirectory() as folder:  # `faststart` reads its file again, which needs a name
+        path = Path(folder) / "fight.mp4"
+        with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as container:
+            stream: Any = container.add_stream("libx264", rate=Fraction(FRAME_RATE))
+            stream.width, stream.height = VIDEO_SIZE
+            stream.pix_fmt = "yuv420p"
+            stream.options = {"crf": "20", "preset": "veryfast"}
+            for pixels in frames:
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
+            container.mux(stream.encode(None))
+        return path.read_bytes()
 
 
 def _picture(stage: Stage, fight: Trajectory, radii: tuple[float, float]) -> np.ndarray:
@@ -149,12 +161,11 @@ def _frames(stage: Stage, fight: Trajectory, radii: tuple[float, float]) -> Iter
     duration = float(fight.time[-1] - fight.time[0])
     speed = playback_speed(duration)
     last = max(1, round(duration / speed * FRAME_RATE))
-    for frame in range(last + 1):
-        time = fight.time[0] + min(duration, frame * speed / FRAME_RATE)
-        pixels = _frame(stage, fight, radii, time, speed, ended=frame == last)
-        yield pixels
-    for _ in range(round(HOLD * FRAME_RATE)):
-        yield pixels
+    for frame in range(last):
+        yield _frame(stage, fight, radii, fight.time[0] + frame * speed / FRAME_RATE, speed, ended=False)
+    outcome = _frame(stage, fight, radii, fight.time[-1], speed, ended=True)
+    for _ in range(1 + round(HOLD * FRAME_RATE)):
+        yield outcome
 
 
 def _frame(stage: Stage, fight: Trajectory, radii: tuple[float, float], time: float, speed: float, ended: bool) -> Any:
@@ -235,7 +246,7 @@ def _poses(fight: Trajectory, drone: int) -> np.ndarray:
 
 def _ghost_interval(fight: Trajectory) -> float:
     duration = fight.time[-1] - fight.time[0]
-    return next((step for step in (0.1, 0.2, 0.25, 0.5, 1.0) if duration / step <= 10), 2.0)
+    return next((step for step in (0.1, 0.2, 0.3, 0.5, 1.0) if duration / step <= 10), 2.0)
 
 
 def _points(fight: Trajectory, radii: tuple[float, float]) -> np.ndarray:
@@ -244,16 +255,3 @@ def _points(fight: Trajectory, radii: tuple[float, float]) -> np.ndarray:
     paths = [_poses(fight, drone)[:, :3] for drone in _present(fight)]
     bubble = fight.target + radii[1] * np.vstack([np.eye(3), -np.eye(3)])
     return np.vstack([corners, *paths, bubble])
-
-
-def _write(path: Path, make: Any) -> None:
-    """Let `make` write a temporary neighbour of `path`, then rename it."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        make(partial)
-        os.replace(partial, path)
-    except OSError as error:
-        raise UserError(f"{path}: cannot write: {error.strerror or error}", EXIT_CANNOT_WRITE) from None
-    finally:
-        partial.unlink(missing_ok=True)

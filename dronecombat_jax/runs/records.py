@@ -3,8 +3,6 @@
 import math
 from typing import Any
 
-import numpy as np
-
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config import Config
 from dronecombat_jax.runs.progress import ProgressUpdate
@@ -66,7 +64,7 @@ def _record(config: Config, report: IterationMetrics, iteration: int, seed: int)
     return record
 
 
-def _wins(config: Config, causes: np.ndarray) -> dict[Outcome, float]:
+def _wins(config: Config, causes: Any) -> dict[Outcome, float]:
     table = outcome_table(config.game)
     return {outcome: sum(causes[cause] for cause in ENDINGS if table[cause] == outcome) for outcome in Outcome}
 

@@ -4,8 +4,6 @@ Two models come from one file: the full one for viewers, renderers and C MuJoCo,
 (two rigid bodies, nothing else) that MJX steps. Forces and substeps live in `flight`.
 """
 
-import contextlib
-import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +13,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
+from dronecombat_jax.backend import import_mjx
 from dronecombat_jax.config import SimConfig
 from dronecombat_jax.errors import UserError
 
@@ -102,12 +101,8 @@ def load_scene(sim: SimConfig, path: Path | None = None) -> Scene:
 
 
 def load_mjx(scene: Scene) -> tuple[Any, Any, Any]:
-    """The MJX module, the lean model on the device and its constant data template.
-
-    MJX prints to stdout while it is imported; stdout belongs to the commands, so that is swallowed.
-    """
-    with contextlib.redirect_stdout(io.StringIO()):
-        from mujoco import mjx
+    """The MJX module, the lean model on the device and its constant data template."""
+    mjx = import_mjx()
     try:
         return mjx, mjx.put_model(scene.lean), mjx.make_data(scene.lean)
     except NotImplementedError as error:

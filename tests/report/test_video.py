@@ -76,7 +76,7 @@ def test_fight_gives_a_picture_and_a_film_that_play(scene: Scene, tmp_path: Path
 def test_awkward_fights_are_drawn(case: str, scene: Scene, tmp_path: Path):
     fight = fly(scene, cause=Cause.TIMEOUT)
     if case == "one state":
-        fight = Trajectory(*(part[:1] for part in fight[:4]), *fight[4:])
+        fight = fight._replace(time=fight.time[:1], qpos=fight.qpos[:1], qvel=fight.qvel[:1], action=fight.action[:1])
     if case == "diverged":
         fight.qpos[5:, 3] = np.nan
         fight = fight._replace(cause=int(Cause.DIVERGED))

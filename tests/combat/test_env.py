@@ -1,0 +1,289 @@
+"""The environment: its contract, its start, its ends by real physics, and one broken fight among sound ones."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.errors import KeyReuseError
+
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.config import Config, GameConfig
+from dronecombat_jax.types import Cause, EnvState
+
+HOVER = (2.0 / 1.9 - 1.0, 0.0, 0.0, 0.0)
+DROP = (-1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.fixture
+def fresh(arena: SimpleNamespace) -> EnvState:
+    """Eight fights about to start."""
+    return arena.reset(jax.random.split(jax.random.key(0), arena.size))
+
+
+def held(size: int, defender=HOVER, attacker=HOVER) -> np.ndarray:
+    return np.tile(np.array([defender, attacker], np.float32), (size, 1, 1))
+
+
+def place(state: EnvState, fight: int, **changes) -> EnvState:
+    """The state with parts of one fight replaced, e.g. `attacker=(x, y, z)`."""
+    columns = {"defender": ("qpos", 0), "attacker": ("qpos", 7), "defender_v": ("qvel", 0), "attacker_v": ("qvel", 6)}
+    for name, value in changes.items():
+        if name in columns:
+            leaf, first = columns[name]
+            column = slice(first, first + len(value))
+            state = state.replace(**{leaf: getattr(state, leaf).at[fight, column].set(jnp.array(value, jnp.float32))})
+        else:
+            state = state.replace(**{name: getattr(state, name).at[fight].set(value)})
+    return state
+
+
+@pytest.mark.parametrize(
+    "game",
+    [
+        GameConfig(),
+        GameConfig(crash_rule="out", timeout_rule="defender", observation="ego", spawn="uniform"),
+        GameConfig(crash_rule="grounded"),
+        GameConfig(scenario="solo", swept_events=False),
+    ],
+    ids=["default", "out, ego, uniform", "grounded", "solo"],
+)
+def test_shapes_and_types_are_stable_under_every_switch(arena: SimpleNamespace, game: GameConfig):
+    combat = Combat(Config(game=game), arena.combat.scene)
+    state = jax.eval_shape(combat.reset, jax.random.key(0))
+    after, output = jax.eval_shape(combat.step, state, jnp.zeros((2, 4)))
+    described = lambda tree: jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype.name), tree)
+    assert described(after) == described(state)
+    assert described(state) == EnvState(
+        qpos=((14,), "float32"), qvel=((12,), "float32"), target=((3,), "float32"), clock=((), "int32"),
+        out=((2,), "bool"),
+    )  # fmt: skip
+    # A weak type in what is carried compiles every program twice.
+    assert not [leaf for leaf in jax.tree.leaves((state, after, output)) if leaf.weak_type]
+    assert described(output.observation) == ((2, 35), "float32")
+    assert described(jax.eval_shape(combat.observe, state)) == ((2, 35), "float32")
+    assert {described(leaf) for leaf in (output.reward, *output.reward_terms)} == {((2,), "float32")}
+    assert described((output.cause, output.terminated, output.truncated)) == (
+        ((), "int32"), ((), "bool"), ((), "bool"),
+    )  # fmt: skip
+
+
+def test_contract_over_many_random_steps(arena: SimpleNamespace, fresh: EnvState):
+    random = np.random.default_rng(0)
+    state = fresh.replace(clock=fresh.clock + 470)
+    observe, ended = jax.jit(jax.vmap(arena.combat.observe)), set()
+    for _ in range(40):
+        before = state
+        state, output = arena.step(state, random.normal(size=(arena.size, 2, 4)).astype(np.float32))
+        assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves((state, output)))
+        assert not np.any(output.terminated & output.truncated)
+        np.testing.assert_array_equal(output.terminated | output.truncated, output.cause != Cause.NONE)
+        np.testing.assert_array_equal(output.truncated, output.cause == Cause.TIMEOUT)
+        np.testing.assert_allclose(output.observation, observe(state), rtol=1e-5, atol=1e-6)  # before any reset
+        np.testing.assert_allclose(output.reward, np.sum(np.array(output.reward_terms), axis=0), rtol=1e-5, atol=1e-5)
+        np.testing.assert_array_equal(state.clock, before.clock + 1)
+        ended |= {int(cause) for cause in output.cause}
+    assert {Cause.NONE, Cause.TIMEOUT} < ended
+    assert arena.traces == [(2, 4)]  # stepped by other tests as well, and traced once
+
+
+def test_deterministic(arena: SimpleNamespace, fresh: EnvState):
+    same = arena.reset(jax.random.split(jax.random.key(0), arena.size))
+    action = np.random.default_rng(1).uniform(-1, 1, (arena.size, 2, 4)).astype(np.float32)
+    first, second = arena.step(fresh, action), arena.step(same, action)
+    jax.tree.map(np.testing.assert_array_equal, first, second)
+
+
+def test_a_fight_does_not_depend_on_its_neighbours(arena: SimpleNamespace, fresh: EnvState):
+    action = np.random.default_rng(1).uniform(-1, 1, (arena.size, 2, 4)).astype(np.float32)
+    backwards = lambda tree: jax.tree.map(lambda leaf: leaf[::-1], tree)
+    jax.tree.map(
+        np.testing.assert_array_equal,
+        arena.step(fresh, action),
+        backwards(arena.step(backwards(fresh), action[::-1])),
+    )
+
+
+def test_what_a_fight_carries_is_small(fresh: EnvState):
+    assert sum(leaf.nbytes for leaf in jax.tree.leaves(fresh)) / len(fresh.clock) < 200
+
+
+def test_key_is_used_once(arena: SimpleNamespace):
+    combat = arena.combat
+    with jax.debug_key_reuse(True):
+        jax.jit(lambda key: combat.reset(key))(jax.random.key(0))
+        with pytest.raises(KeyReuseError):  # so that the check can fail
+            jax.jit(lambda key: (combat.reset(key), combat.draw(key, (3,))))(jax.random.key(0))
+
+
+# --- the start
+
+
+@pytest.fixture(scope="module")
+def thousand(arena: SimpleNamespace) -> dict[str, EnvState]:
+    """A thousand starts by `spawn`."""
+    keys, starts = jax.random.split(jax.random.key(3), 1000), {}
+    for spawn in ("fixed", "uniform"):
+        combat = Combat(Config(game=GameConfig(spawn=spawn)), arena.combat.scene)
+        starts[spawn] = jax.jit(jax.vmap(combat.reset))(keys)
+    return starts
+
+
+def places(state: EnvState) -> np.ndarray:
+    """Positions [N, 3, 3] of defender, attacker, target."""
+    return np.stack([state.qpos[:, 0:3], state.qpos[:, 7:10], state.target], axis=1)
+
+
+def test_start_is_the_papers(thousand: dict[str, EnvState]):
+    state = thousand["fixed"]
+    where = places(state)
+    np.testing.assert_array_equal(where[:, :, :2], np.tile([[0, 5], [0, 0], [5, 5]], (1000, 1, 1)))
+    assert_uniform(where[:, :, 2], 0.5, 1.5)
+    for leaf, expected in ((state.qpos[:, 3:7], [1, 0, 0, 0]), (state.qpos[:, 10:], [1, 0, 0, 0]), (state.qvel, 0)):
+        np.testing.assert_array_equal(leaf, np.broadcast_to(expected, leaf.shape))
+    assert not np.any(state.clock) and not np.any(state.out)
+
+
+def test_uniform_start_fills_the_arena(thousand: dict[str, EnvState]):
+    where = places(thousand["uniform"])
+    assert_uniform(where[:, :, :2].reshape(1000, -1), -5.0, 5.0)
+    assert_uniform(where[:, :, 2], 0.5, 1.5)
+
+
+def assert_uniform(columns: np.ndarray, low: float, high: float) -> None:
+    """Each of `columns` [N, K] is uniform and independent of the others."""
+    unit = (columns - low) / (high - low)
+    assert unit.min() >= 0.0 and unit.max() < 1.0
+    np.testing.assert_allclose(unit.mean(axis=0), 0.5, atol=0.05)  # 5 standard errors
+    np.testing.assert_allclose(np.quantile(unit, [0.1, 0.9], axis=0).T, [[0.1, 0.9]] * unit.shape[1], atol=0.05)
+    assert np.abs(np.corrcoef(unit.T) - np.eye(unit.shape[1])).max() < 0.16
+
+
+# --- ends, by real physics
+
+
+def test_every_end_in_flight(arena: SimpleNamespace, fresh: EnvState):
+    """Eight fights, each one step before its end."""
+    state = fresh
+    state = place(state, 0, attacker=(0, 4.4, 1), defender=(0, 5, 1), attacker_v=(0, 8, 0))
+    state = place(state, 1, attacker=(5, 4.45, 1), target=(5, 5, 1), attacker_v=(0, 5, 0))
+    state = place(state, 2, defender=(0, 5, 0.21), defender_v=(0, 0, -2))
+    state = place(state, 3, attacker=(0, 0, 0.21), attacker_v=(0, 0, -2))
+    state = place(state, 4, attacker=(0, 0, 0.21), attacker_v=(0, 0, -2), defender=(0, 5, 0.21), defender_v=(0, 0, -2))
+    state = place(state, 5, clock=499)
+    state = place(state, 6, clock=498)
+    state = place(state, 7, attacker=(0, 3, 1), defender=(0, 5, 1), attacker_v=(0, 200, 0))  # tunnels: 4 m in a step
+    after, output = arena.step(state, held(8))
+    expected = [
+        "INTERCEPT",
+        "REACHED",
+        "DEFENDER_CRASH",
+        "ATTACKER_CRASH",
+        "BOTH_CRASH",
+        "TIMEOUT",
+        "NONE",
+        "INTERCEPT",
+    ]
+    assert [Cause(int(cause)).name for cause in output.cause] == expected
+    np.testing.assert_array_equal(output.terminated, [1, 1, 1, 1, 1, 0, 0, 1])
+    np.testing.assert_array_equal(output.truncated, [0, 0, 0, 0, 0, 1, 0, 0])
+    np.testing.assert_array_equal(after.out[2:5], [[1, 0], [0, 1], [1, 1]])
+    events = output.reward_terms.win + output.reward_terms.lose + output.reward_terms.crash
+    win = [300, -300]
+    prizes = [win, [-300, 300], [-10, 300], [300, -10], [-10, -10], [0, 0], [0, 0], win]
+    np.testing.assert_array_equal(events, prizes)
+
+
+def test_a_drone_that_fell_lies_where_it_fell(arena: SimpleNamespace, fresh: EnvState):
+    """And pays for the speed with which it came down; the one that hovers goes on."""
+    state, fell = fresh, np.zeros(8, bool)
+    for _ in range(40):
+        before = state
+        state, output = arena.step(state, held(8, defender=DROP))
+        np.testing.assert_array_equal(state.qpos[fell, :7], before.qpos[fell, :7])
+        np.testing.assert_array_equal(state.qvel[state.out[:, 0], :6], 0)
+        just = np.asarray(state.out[:, 0]) & ~fell
+        assert np.all(output.reward_terms.linear_velocity[just, 0] < -0.02 * 0.05 * 2)
+        np.testing.assert_array_equal(output.reward_terms.crash[:, 0], np.where(just, -10, 0))
+        fell |= just
+    assert np.all(fell)
+    np.testing.assert_allclose(state.qpos[:, 7:], fresh.qpos[:, 7:], atol=2e-3)
+
+
+def test_an_absent_defender_stands_where_it_starts(arena: SimpleNamespace):
+    combat = arena.combat
+    draws = combat.draw(jax.random.key(1), (8,))
+    start = jax.vmap(lambda draw: combat.spawn(draw, True))(draws)
+    np.testing.assert_array_equal(start.out, [[True, False]] * 8)
+    solo = Combat(Config(game=GameConfig(scenario="solo")), combat.scene)
+    jax.tree.map(np.testing.assert_array_equal, jax.vmap(solo.spawn)(draws), start)
+    state = place(start, 0, attacker=(0, 5, 1))  # inside the defender
+    for _ in range(5):
+        state, output = arena.step(state, held(8, defender=(1, 1, 1, 1)))
+        np.testing.assert_array_equal(output.cause, Cause.NONE)
+        np.testing.assert_array_equal(output.reward[:, 0], 0)
+    np.testing.assert_array_equal(state.qpos[:, :7], start.qpos[:, :7])
+
+
+def test_actions_are_clipped(arena: SimpleNamespace, fresh: EnvState):
+    wild = held(8, (1e30, 7, -np.inf, 0.5), (-9, -1.0001, 1e9, np.inf))
+    jax.tree.map(
+        np.testing.assert_array_equal,
+        arena.step(fresh, wild),
+        arena.step(fresh, held(8, (1, 1, -1, 0.5), (-1, -1, 1, 1))),
+    )
+
+
+# --- one broken fight among sound ones
+
+
+@pytest.mark.parametrize(
+    ("leaf", "column", "value"),
+    [
+        ("qvel", 1, np.nan), ("qvel", 1, 1e20), ("qvel", 9, np.nan), ("qvel", slice(3, 6), 1e20), ("qvel", 2, -np.inf),
+        ("qpos", 2, np.nan), ("qpos", 8, 1e20), ("qpos", slice(10, 14), np.nan), ("action", 2, np.nan),
+    ],
+)  # fmt: skip
+def test_a_diverged_fight_ends_alone(arena: SimpleNamespace, fresh: EnvState, leaf, column, value):
+    action = np.random.default_rng(1).uniform(-1, 1, (8, 2, 4)).astype(np.float32)
+    sound, sound_output = arena.step(fresh, action)
+    broken = fresh
+    if leaf == "action":
+        action[3, 0, column] = value
+    else:
+        broken = fresh.replace(**{leaf: getattr(fresh, leaf).at[3, column].set(value)})
+    after, output = arena.step(broken, action)
+    others = np.arange(8) != 3
+    jax.tree.map(
+        lambda ours, theirs: np.testing.assert_array_equal(ours[others], theirs[others]),
+        (after, output),
+        (sound, sound_output),
+    )
+    assert output.cause[3] == Cause.DIVERGED
+    assert output.terminated[3] and not output.truncated[3]
+    assert not any(np.any(term[3]) for term in (output.reward, *output.reward_terms))
+    assert not np.any(after.out[3])
+    for part in jax.tree.leaves((after, output)):
+        assert np.all(np.abs(part[3]) < 1e4)  # also false for NaN: nothing spoils a running mean
+
+
+def test_a_defender_that_is_out_leaves_the_attacker_to_finish(arena: SimpleNamespace, fresh: EnvState):
+    """Crash rule `out`, time-out for the defender: the attacker flies on, and running out of time decides."""
+    config = arena.combat.config
+    config = replace(config, game=replace(config.game, crash_rule="out", timeout_rule="defender"))
+    step = jax.jit(jax.vmap(Combat(config, arena.combat.scene).step))
+    state = place(fresh, 0, defender=(0, 5, 0.21), defender_v=(0, 0, -2))
+    state = place(state, 1, defender=(0, 5, 0.21), defender_v=(0, 0, -2), attacker=(5, 4.4, 1), target=(5, 5, 1),
+                  attacker_v=(0, 3, 0))  # fmt: skip
+    state = place(state, 2, defender=(0, 5, 0.21), defender_v=(0, 0, -2), clock=498)
+    state = place(state, 3, attacker=(0, 0, 0.21), attacker_v=(0, 0, -2))
+    causes = []
+    for _ in range(2):
+        state, output = step(state, held(8))
+        causes.append([Cause(int(cause)).name for cause in output.cause[:4]])
+    assert causes == [["NONE", "NONE", "NONE", "ATTACKER_CRASH"], ["NONE", "REACHED", "TIMEOUT", "NONE"]]
+    assert output.terminated[2] and not output.truncated[2]
+    np.testing.assert_array_equal(output.reward_terms.timeout[2], [300, -300])
+    np.testing.assert_array_equal(output.reward[:3, 0] - output.reward_terms.timeout[:3, 0], [0, -300, 0])

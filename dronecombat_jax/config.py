@@ -176,9 +176,12 @@ class TrainConfig:
     num_envs: int = setting(1000, "environments side by side", low=1, high=10**6)
     chunk_iterations: int = setting(
         25,
-        "iterations per chunk; at a chunk's end both agents are saved and the environments reset",
+        "iterations per chunk; at a chunk's end both agents are saved",
         low=1,
         high=100_000,
+    )
+    reset_at_chunk: bool = setting(
+        False, "start all fights anew at every chunk; they then fly in step, which unsettles learning for a while"
     )
     solo_warmup_steps: int = setting(
         0,

@@ -189,7 +189,9 @@ def optimize(learn: LearnConfig, learner: Learner, batch: Batch, key: jax.Array)
     def epoch(carry: tuple, key: jax.Array):
         carry, metrics = jax.lax.scan(step, carry, cut(learn, flat, key))
         parameters, state, learning_rate = carry
-        kl = jnp.mean(metrics[3])
+        *_, divergence, _, _, skipped = metrics
+        # Skipped steps moved nothing: their divergence of 0 would drive the rate up. All skipped: NaN, no change.
+        kl = jnp.mean(divergence, where=~skipped)
         return (parameters, state, ppo.adapt_learning_rate(learn, learning_rate, kl)), (metrics, kl)
 
     carry = (learner.parameters, learner.optimizer, learner.learning_rate)

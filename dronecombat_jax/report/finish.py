@@ -29,7 +29,14 @@ def finish(config: Config) -> None:
         saved = load_run(run.path)
         fight = typical_fight(saved, 0)
         try:
-            render_fight(fight, saved.combat.scene, run.figures / "fight.png", run.video)
+            render_fight(
+                fight,
+                saved.combat.scene,
+                run.figures / "fight.png",
+                run.video,
+                intercept_radius=config.game.intercept_radius,
+                reach_radius=config.game.reach_radius,
+            )
         except UserError as error:
             print(f"no picture of a fight: {error.message}", flush=True)
         else:

@@ -2,7 +2,9 @@
 
 A run is a pure function of its configuration and seed. Every key is
 fold_in(fold_in(key(seed), iteration), purpose), so a run resumed at any iteration is bit for bit
-the run that was never stopped. At a chunk's start the environments are reset.
+the run that was never stopped. The fights under way are part of the state; they are a few hundred
+kilobytes, and resetting them at every chunk (`reset_at_chunk`) puts all environments in step: each
+rollout then holds one phase of the fight only, and the policies forget the others.
 """
 
 from collections.abc import Callable
@@ -66,8 +68,10 @@ def build_advance(combat: Combat, iterations: int) -> Callable[[TrainState], tup
 def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, IterationMetrics]:
     """One iteration of one seed: at a chunk's start reset the fights, then fly and learn."""
     config = combat.config
-    starts_chunk = state.iteration % config.train.chunk_iterations == 0
-    env = jax.lax.cond(starts_chunk, lambda: reset_fights(combat, state.seed, state.iteration), lambda: state.env)
+    env = state.env
+    if config.train.reset_at_chunk:
+        starts_chunk = state.iteration % config.train.chunk_iterations == 0
+        env = jax.lax.cond(starts_chunk, lambda: reset_fights(combat, state.seed, state.iteration), lambda: env)
     alone = attacker_alone(config, state.iteration)
     learners, env, metrics = iterate(
         combat,

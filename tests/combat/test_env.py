@@ -1,6 +1,5 @@
-"""The environment: its contract, its start, its ends by real physics, and one broken fight among sound ones."""
+"""The environment: its contract, its start, and one broken fight among sound ones. How fights end: `test_ends`."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import jax
@@ -12,32 +11,6 @@ from jax.errors import KeyReuseError
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config import Config, GameConfig
 from dronecombat_jax.types import Cause, EnvState
-
-HOVER = (2.0 / 1.9 - 1.0, 0.0, 0.0, 0.0)
-DROP = (-1.0, 0.0, 0.0, 0.0)
-
-
-@pytest.fixture
-def fresh(arena: SimpleNamespace) -> EnvState:
-    """Eight fights about to start."""
-    return arena.reset(jax.random.split(jax.random.key(0), arena.size))
-
-
-def held(size: int, defender=HOVER, attacker=HOVER) -> np.ndarray:
-    return np.tile(np.array([defender, attacker], np.float32), (size, 1, 1))
-
-
-def place(state: EnvState, fight: int, **changes) -> EnvState:
-    """The state with parts of one fight replaced, e.g. `attacker=(x, y, z)`."""
-    columns = {"defender": ("qpos", 0), "attacker": ("qpos", 7), "defender_v": ("qvel", 0), "attacker_v": ("qvel", 6)}
-    for name, value in changes.items():
-        if name in columns:
-            leaf, first = columns[name]
-            column = slice(first, first + len(value))
-            state = state.replace(**{leaf: getattr(state, leaf).at[fight, column].set(jnp.array(value, jnp.float32))})
-        else:
-            state = state.replace(**{name: getattr(state, name).at[fight].set(value)})
-    return state
 
 
 @pytest.mark.parametrize(
@@ -118,9 +91,6 @@ def test_key_is_used_once(arena: SimpleNamespace):
             jax.jit(lambda key: (combat.reset(key), combat.draw(key, (3,))))(jax.random.key(0))
 
 
-# --- the start
-
-
 @pytest.fixture(scope="module")
 def thousand(arena: SimpleNamespace) -> dict[str, EnvState]:
     """A thousand starts by `spawn`."""
@@ -161,84 +131,6 @@ def assert_uniform(columns: np.ndarray, low: float, high: float) -> None:
     assert np.abs(np.corrcoef(unit.T) - np.eye(unit.shape[1])).max() < 0.16
 
 
-# --- ends, by real physics
-
-
-def test_every_end_in_flight(arena: SimpleNamespace, fresh: EnvState):
-    """Eight fights, each one step before its end."""
-    state = fresh
-    state = place(state, 0, attacker=(0, 4.4, 1), defender=(0, 5, 1), attacker_v=(0, 8, 0))
-    state = place(state, 1, attacker=(5, 4.45, 1), target=(5, 5, 1), attacker_v=(0, 5, 0))
-    state = place(state, 2, defender=(0, 5, 0.21), defender_v=(0, 0, -2))
-    state = place(state, 3, attacker=(0, 0, 0.21), attacker_v=(0, 0, -2))
-    state = place(state, 4, attacker=(0, 0, 0.21), attacker_v=(0, 0, -2), defender=(0, 5, 0.21), defender_v=(0, 0, -2))
-    state = place(state, 5, clock=499)
-    state = place(state, 6, clock=498)
-    state = place(state, 7, attacker=(0, 3, 1), defender=(0, 5, 1), attacker_v=(0, 200, 0))  # tunnels: 4 m in a step
-    after, output = arena.step(state, held(8))
-    expected = [
-        "INTERCEPT",
-        "REACHED",
-        "DEFENDER_CRASH",
-        "ATTACKER_CRASH",
-        "BOTH_CRASH",
-        "TIMEOUT",
-        "NONE",
-        "INTERCEPT",
-    ]
-    assert [Cause(int(cause)).name for cause in output.cause] == expected
-    np.testing.assert_array_equal(output.terminated, [1, 1, 1, 1, 1, 0, 0, 1])
-    np.testing.assert_array_equal(output.truncated, [0, 0, 0, 0, 0, 1, 0, 0])
-    np.testing.assert_array_equal(after.out[2:5], [[1, 0], [0, 1], [1, 1]])
-    events = output.reward_terms.win + output.reward_terms.lose + output.reward_terms.crash
-    win = [300, -300]
-    prizes = [win, [-300, 300], [-10, 300], [300, -10], [-10, -10], [0, 0], [0, 0], win]
-    np.testing.assert_array_equal(events, prizes)
-
-
-def test_a_drone_that_fell_lies_where_it_fell(arena: SimpleNamespace, fresh: EnvState):
-    """And pays for the speed with which it came down; the one that hovers goes on."""
-    state, fell = fresh, np.zeros(8, bool)
-    for _ in range(40):
-        before = state
-        state, output = arena.step(state, held(8, defender=DROP))
-        np.testing.assert_array_equal(state.qpos[fell, :7], before.qpos[fell, :7])
-        np.testing.assert_array_equal(state.qvel[state.out[:, 0], :6], 0)
-        just = np.asarray(state.out[:, 0]) & ~fell
-        assert np.all(output.reward_terms.linear_velocity[just, 0] < -0.02 * 0.05 * 2)
-        np.testing.assert_array_equal(output.reward_terms.crash[:, 0], np.where(just, -10, 0))
-        fell |= just
-    assert np.all(fell)
-    np.testing.assert_allclose(state.qpos[:, 7:], fresh.qpos[:, 7:], atol=2e-3)
-
-
-def test_an_absent_defender_stands_where_it_starts(arena: SimpleNamespace):
-    combat = arena.combat
-    draws = combat.draw(jax.random.key(1), (8,))
-    start = jax.vmap(lambda draw: combat.spawn(draw, True))(draws)
-    np.testing.assert_array_equal(start.out, [[True, False]] * 8)
-    solo = Combat(Config(game=GameConfig(scenario="solo")), combat.scene)
-    jax.tree.map(np.testing.assert_array_equal, jax.vmap(solo.spawn)(draws), start)
-    state = place(start, 0, attacker=(0, 5, 1))  # inside the defender
-    for _ in range(5):
-        state, output = arena.step(state, held(8, defender=(1, 1, 1, 1)))
-        np.testing.assert_array_equal(output.cause, Cause.NONE)
-        np.testing.assert_array_equal(output.reward[:, 0], 0)
-    np.testing.assert_array_equal(state.qpos[:, :7], start.qpos[:, :7])
-
-
-def test_actions_are_clipped(arena: SimpleNamespace, fresh: EnvState):
-    wild = held(8, (1e30, 7, -np.inf, 0.5), (-9, -1.0001, 1e9, np.inf))
-    jax.tree.map(
-        np.testing.assert_array_equal,
-        arena.step(fresh, wild),
-        arena.step(fresh, held(8, (1, 1, -1, 0.5), (-1, -1, 1, 1))),
-    )
-
-
-# --- one broken fight among sound ones
-
-
 @pytest.mark.parametrize(
     ("leaf", "column", "value"),
     [
@@ -267,23 +159,3 @@ def test_a_diverged_fight_ends_alone(arena: SimpleNamespace, fresh: EnvState, le
     assert not np.any(after.out[3])
     for part in jax.tree.leaves((after, output)):
         assert np.all(np.abs(part[3]) < 1e4)  # also false for NaN: nothing spoils a running mean
-
-
-def test_a_defender_that_is_out_leaves_the_attacker_to_finish(arena: SimpleNamespace, fresh: EnvState):
-    """Crash rule `out`, time-out for the defender: the attacker flies on, and running out of time decides."""
-    config = arena.combat.config
-    config = replace(config, game=replace(config.game, crash_rule="out", timeout_rule="defender"))
-    step = jax.jit(jax.vmap(Combat(config, arena.combat.scene).step))
-    state = place(fresh, 0, defender=(0, 5, 0.21), defender_v=(0, 0, -2))
-    state = place(state, 1, defender=(0, 5, 0.21), defender_v=(0, 0, -2), attacker=(5, 4.4, 1), target=(5, 5, 1),
-                  attacker_v=(0, 3, 0))  # fmt: skip
-    state = place(state, 2, defender=(0, 5, 0.21), defender_v=(0, 0, -2), clock=498)
-    state = place(state, 3, attacker=(0, 0, 0.21), attacker_v=(0, 0, -2))
-    causes = []
-    for _ in range(2):
-        state, output = step(state, held(8))
-        causes.append([Cause(int(cause)).name for cause in output.cause[:4]])
-    assert causes == [["NONE", "NONE", "NONE", "ATTACKER_CRASH"], ["NONE", "REACHED", "TIMEOUT", "NONE"]]
-    assert output.terminated[2] and not output.truncated[2]
-    np.testing.assert_array_equal(output.reward_terms.timeout[2], [300, -300])
-    np.testing.assert_array_equal(output.reward[:3, 0] - output.reward_terms.timeout[:3, 0], [0, -300, 0])

@@ -29,7 +29,7 @@ class Task(NamedTuple):
 
 
 class Probe:
-    """The methods of `Combat` that learning calls. Observation: x, steps flown, and 33 zeros."""
+    """The methods of `Combat` that learning calls. Observation: x, steps flown (unless it truncates), zeros."""
 
     def __init__(self, config: Config, task: Task):
         self.config, self.task = config, task
@@ -43,7 +43,8 @@ class Probe:
         return EnvState(qpos=x, qvel=jnp.zeros(1), target=jnp.zeros(3), clock=jnp.zeros((), jnp.int32), out=out)
 
     def observe(self, state: EnvState) -> jax.Array:
-        row = jnp.concatenate([state.qpos, state.clock.astype(jnp.float32)[None], jnp.zeros(33)])
+        clock = jnp.where(self.task.truncates, 0, state.clock)  # else a final observation was never trained on
+        row = jnp.concatenate([state.qpos, clock.astype(jnp.float32)[None], jnp.zeros(33)])
         return jnp.broadcast_to(row, (2, 35))
 
     def step(self, state: EnvState, action: jax.Array) -> tuple[EnvState, StepOutput]:

@@ -146,8 +146,9 @@ def test_a_reward_that_is_not_finite_costs_the_update_and_nothing_else(learn, re
     start = untrained()
     result = learn(effort=1.0, constant=(reward, 1.0))
     broken = select(result.learners, DEFENDER)
-    for name in ("parameters", "optimizer", "value_scaler", "learning_rate"):
+    for name in ("parameters", "optimizer", "learning_rate"):  # no divergence: the rate must not climb either
         assert_same_bits(getattr(broken, name), getattr(select(start, DEFENDER), name))
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(result.learners))
     skipped = result.metrics.learners.skipped
     assert skipped[:, DEFENDER].tolist() == [LEARN.epochs * LEARN.minibatches] * ITERATIONS
     assert not np.any(skipped[:, ATTACKER])
@@ -166,19 +167,6 @@ def test_what_an_iteration_reports(learn):
     np.testing.assert_allclose(result.metrics.reward_terms.approach, [[1.0, -3.0]] * ITERATIONS, rtol=1e-6)
     learning_rate = np.asarray(result.metrics.learners.learning_rate)
     assert np.all(learning_rate[:, DEFENDER] > 0) and result.learners.learning_rate[DEFENDER] == learning_rate[-1, 0]
-
-
-def test_the_first_step_of_an_update_has_ratio_one(learn, make_probe, make_task):
-    """Stored and recomputed log-probabilities agree, also after the observation statistics have moved."""
-    trained = learn(effort=1.0, slope=0.5).learners
-    probe = make_probe(
-        Config(learn=LearnConfig(hidden_sizes=(16, 16), rollout_steps=8, epochs=1, minibatches=1), train=CONFIG.train),
-        make_task(effort=1.0, slope=0.5),
-    )
-    keys = IterationKeys(*jax.random.split(jax.random.key(7), 3))
-    env = jax.vmap(probe.spawn)(probe.draw(jax.random.key(8), (32,)))
-    _, _, metrics = jax.jit(lambda: iterate(probe, trained, env, keys, jnp.asarray(BOTH), False))()
-    assert np.all(np.abs(metrics.learners.kl) < 1e-7) and not np.any(metrics.learners.clip_fraction)
 
 
 def test_minibatches_are_contiguous_in_time_or_shuffled_without_loss():

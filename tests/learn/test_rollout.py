@@ -10,6 +10,7 @@ from scipy import stats
 
 from dronecombat_jax.config import Config, LearnConfig
 from dronecombat_jax.learn.ippo import init_learner
+from dronecombat_jax.learn.networks import bounded_log_std, gaussian_log_prob
 from dronecombat_jax.learn.rollout import act, collect, policy_mean, select
 from dronecombat_jax.types import Cause, Scaler
 
@@ -59,6 +60,16 @@ def test_actions_are_unclipped_and_their_log_probability_is_that_of_the_gaussian
     assert np.abs(rollout.action).max() > 2.0
     noise = (rollout.action[:, :, 0] - policy_mean(LEARN, select(learners, 0), rollout.observation[:, :, 0])) / std
     assert len(np.unique(np.round(noise, 5))) == noise.size and np.std(noise) == pytest.approx(1.0, abs=0.25)
+
+
+def test_recomputed_log_probabilities_have_ratio_one(flown, learners):
+    """The observation statistics stand still between collecting and learning."""
+    _, _, rollout = flown
+    for agent in range(2):
+        learner = select(learners, agent)
+        mean = policy_mean(LEARN, learner, rollout.observation[:, :, agent])
+        again = gaussian_log_prob(rollout.action[:, :, agent], mean, bounded_log_std(learner.parameters, LEARN))
+        np.testing.assert_allclose(again, rollout.log_prob[:, :, agent], rtol=1e-6, atol=1e-6)
 
 
 def test_the_authors_setting_clips_the_action_and_takes_its_log_probability(learners):

@@ -38,12 +38,12 @@ def fly(sim: SimConfig, scene: Scene, qvel: np.ndarray, action: np.ndarray) -> t
     step = jax.vmap(build_step(sim, scene))
 
     def advance(state, action):
-        state = step(*state, action)
+        state = step(state[0], state[1], action)
         return state, state
 
     start = (jnp.tile(PLACES, (len(qvel), 1)), jnp.asarray(qvel))
-    qpos, qvel = jax.jit(lambda start, action: jax.lax.scan(advance, start, action)[1])(start, action)
-    return np.asarray(qpos), np.asarray(qvel)
+    path = jax.jit(lambda start, action: jax.lax.scan(advance, start, action)[1])(start, action)
+    return np.asarray(path[0]), np.asarray(path[1])
 
 
 def cases() -> tuple[np.ndarray, np.ndarray]:
@@ -71,8 +71,7 @@ def in_c_mujoco(scene: Scene, qvel: np.ndarray, action: np.ndarray) -> tuple[np.
         data.ctrl[scene.controls] = low + (u + 1) / 2 * (high - low)
         mujoco.mj_step(scene.full, data, 2)
         path.append((data.qpos.copy(), data.qvel.copy()))
-    qpos, qvel = zip(*path, strict=True)
-    return np.array(qpos), np.array(qvel)
+    return np.array([qpos for qpos, _ in path]), np.array([qvel for _, qvel in path])
 
 
 @pytest.mark.parametrize("case", [KICK, STRUGGLE])

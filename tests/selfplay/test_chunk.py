@@ -1,0 +1,182 @@
+"""The training program at toy size: one compilation, one meaning for every way of cutting the same run.
+
+The programs here are compiled without optimisation, which takes half the time and changes no meaning.
+"""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.config import Config, GameConfig, LearnConfig, TrainConfig
+from dronecombat_jax.selfplay.chunk import attacker_alone, build_advance, init_state, reset_fights
+from dronecombat_jax.types import ATTACKER, DEFENDER, TrainState
+
+UNOPTIMISED = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
+CHUNK = 2  # iterations
+CONFIG = Config(
+    game=GameConfig(episode_steps=20),
+    learn=LearnConfig(hidden_sizes=(8, 8), rollout_steps=6, epochs=2, minibatches=2, minibatch_order="shuffled"),
+    # One chunk of warm-up, in which the attacker flies alone.
+    train=TrainConfig(num_envs=8, chunk_iterations=CHUNK, solo_warmup_steps=90, total_steps=400, seed=4),
+)
+TWO_SEEDS = replace(CONFIG, train=replace(CONFIG.train, seed=3, num_seeds=2))
+
+
+def build(config: Config, iterations: int) -> SimpleNamespace:
+    """The program, how often it was traced, and the state it starts from."""
+    combat, traces = Combat(config), []
+    advance = build_advance(combat, iterations)
+
+    def counted(state: TrainState):
+        traces.append(1)
+        return advance(state)
+
+    program = jax.jit(counted, compiler_options=UNOPTIMISED)
+    start = jax.jit(lambda: init_state(combat), compiler_options=UNOPTIMISED)
+    with jax.debug_key_reuse(True):
+        return SimpleNamespace(run=_checked(program), start=start(), traces=traces, combat=combat, advance=advance)
+
+
+def _checked(program):
+    """Every call under the check that no random key is used twice."""
+
+    def run(state: TrainState):
+        with jax.debug_key_reuse(True):
+            return program(state)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def single() -> SimpleNamespace:
+    """Seed 4, one iteration a call, and the states after 0 to 4 iterations."""
+    program = build(CONFIG, 1)
+    states, reports = [program.start], []
+    for _ in range(2 * CHUNK):
+        state, report = program.run(states[-1])
+        states.append(state)
+        reports.append(report)
+    return SimpleNamespace(**vars(program), states=states, reports=reports)
+
+
+def assert_same_bits(a, b) -> None:
+    for (path, x), y in zip(jax.tree_util.tree_leaves_with_path(a), jax.tree.leaves(b), strict=True):
+        assert np.asarray(x).tobytes() == np.asarray(y).tobytes(), jax.tree_util.keystr(path)
+
+
+def differs(a, b) -> bool:
+    pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    return any(np.asarray(x).tobytes() != np.asarray(y).tobytes() for x, y in pairs)
+
+
+def agent(state: TrainState, index: int):
+    return jax.tree.map(lambda leaf: leaf[:, index], state.learners)
+
+
+def numpy_copy(state: TrainState) -> TrainState:
+    return jax.tree.map(np.array, state)
+
+
+def test_traced_once_for_a_whole_run(single):
+    assert len(single.traces) == 1
+    assert [int(state.iteration[0]) for state in single.states] == [0, 1, 2, 3, 4]
+
+
+def test_the_state_keeps_its_types_and_none_is_weak(single):
+    before = jax.eval_shape(lambda: init_state(single.combat))
+    after, _ = jax.eval_shape(single.advance, before)
+    assert jax.tree.structure(before) == jax.tree.structure(after)
+    for x, y in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
+        assert (x.shape, x.dtype, x.weak_type) == (y.shape, y.dtype, False) and not y.weak_type
+    assert {leaf.dtype.name for leaf in jax.tree.leaves(after)} == {"float32", "int32", "uint32", "bool"}
+
+
+def test_the_same_run_in_other_calls_beside_another_seed_and_through_numpy(single):
+    """Two calls of two iterations with seeds 3 and 4 give seed 4 the bits of four calls of one, alone."""
+    double = build(TWO_SEEDS, 2)
+    state, _ = double.run(double.start)
+    assert_same_bits(jax.tree.map(lambda leaf: leaf[1:], state), single.states[2])
+    state, report = double.run(numpy_copy(state))
+    assert_same_bits(jax.tree.map(lambda leaf: leaf[1:], state), single.states[4])
+    assert_same_bits(jax.tree.map(lambda leaf: leaf[1:, 1:], report), single.reports[3])
+    assert state.seed.tolist() == [3, 4]
+    weights = state.learners.parameters.policy.weights[0]
+    assert np.all(weights[0] != weights[1])  # the seeds are different runs
+
+
+def test_a_restart_from_numpy_is_the_run_that_never_stopped(single):
+    state, _ = single.run(numpy_copy(single.states[1]))
+    assert_same_bits(state, single.states[2])
+    assert len(single.traces) == 1
+
+
+def test_every_leaf_matters_to_the_run(single):
+    """A checkpoint that lost a leaf of the learners would be noticed; inside a chunk also one of the fights."""
+    start = numpy_copy(single.states[3])
+    leaves, structure = jax.tree.flatten(start)
+    paths = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(start)]
+    ignored = []
+    for i, path in enumerate(paths):
+        changed = [leaf.copy() for leaf in leaves]
+        changed[i] = ~changed[i] if changed[i].dtype == bool else changed[i] + np.asarray(1, changed[i].dtype)
+        after, _ = single.run(jax.tree.unflatten(structure, changed))
+        others = [x for j, x in enumerate(jax.tree.leaves(after)) if j != i]
+        if not differs(others, [x for j, x in enumerate(jax.tree.leaves(single.states[4])) if j != i]):
+            ignored.append(path)
+    assert ignored == []
+
+
+def test_a_chunk_starts_with_new_fights(single):
+    def broken_fights(state: TrainState) -> TrainState:
+        return state.replace(env=jax.tree.map(jnp.zeros_like, state.env))
+
+    at_boundary, _ = single.run(broken_fights(single.states[CHUNK]))
+    assert_same_bits(at_boundary, single.states[CHUNK + 1])
+    inside, _ = single.run(broken_fights(single.states[CHUNK + 1]))
+    assert differs(inside.learners, single.states[CHUNK + 2].learners)
+
+
+def test_clocks_are_drawn_at_a_chunks_start():
+    many = replace(CONFIG, train=replace(CONFIG.train, num_envs=2000))
+    seed, iteration = jnp.uint32(4), jnp.int32(CHUNK)
+
+    def clocks(config: Config, iteration: jax.Array) -> np.ndarray:
+        return np.asarray(reset_fights(Combat(config), seed, iteration).clock)
+
+    drawn = clocks(many, iteration)
+    assert np.bincount(drawn, minlength=20).min() > 60 and drawn.min() == 0 and drawn.max() == 19  # 100 each expected
+    assert np.any(drawn != clocks(many, jnp.int32(2 * CHUNK)))
+    assert not np.any(clocks(replace(many, game=replace(many.game, random_clock=False)), iteration))
+
+
+def test_in_the_warm_up_only_the_attacker_learns_and_then_both_do(single):
+    start, first, warm, duel = single.states[0], single.states[1], single.states[CHUNK], single.states[CHUNK + 1]
+    assert_same_bits(agent(warm, DEFENDER), agent(start, DEFENDER))
+    assert differs(agent(first, ATTACKER).parameters, agent(start, ATTACKER).parameters)
+    assert np.all(warm.env.out[..., DEFENDER]) and not np.any(single.reports[0].crashes[..., DEFENDER])
+    for role in (DEFENDER, ATTACKER):
+        assert differs(agent(duel, role).parameters, agent(warm, role).parameters)
+    assert not np.all(duel.env.out[..., DEFENDER])
+
+
+def test_who_is_alone_when():
+    alone = [bool(attacker_alone(CONFIG, jnp.int32(i))) for i in range(5)]
+    assert alone == [True, True, False, False, False]
+    solo = replace(CONFIG, game=replace(CONFIG.game, scenario="solo"))
+    assert all(bool(attacker_alone(solo, jnp.int32(i))) for i in (0, 2, 1000))
+    never = replace(CONFIG, train=replace(CONFIG.train, solo_warmup_steps=0))
+    assert not any(bool(attacker_alone(never, jnp.int32(i))) for i in (0, 2))
+
+
+def test_no_two_iterations_purposes_or_seeds_share_random_numbers(single):
+    """Fights that start in different chunks, and noise in consecutive iterations, differ."""
+    env = [reset_fights(single.combat, jnp.uint32(s), jnp.int32(i)) for s, i in ((4, 0), (4, 2), (5, 0))]
+    heights = [np.asarray(e.qpos[:, 2]) for e in env]
+    assert all(np.all(heights[i] != heights[j]) for i, j in ((0, 1), (0, 2), (1, 2)))
+    rates = [np.asarray(state.env.qvel) for state in single.states[1:]]
+    assert all(differs(a, b) for a, b in zip(rates, rates[1:], strict=False))

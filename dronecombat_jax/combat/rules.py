@@ -54,13 +54,13 @@ def detect(
 
 def judge(game: GameConfig, events: Events) -> jax.Array:
     """The `Cause` [] int32 that ends the fight in this step, or NONE; the first of simultaneous events counts."""
-    defender_down, attacker_down = events.down[DEFENDER], events.down[ATTACKER]
-    defender_crash = events.crashed[DEFENDER] & (game.crash_rule == "ends")
-    attacker_crash = events.crashed[ATTACKER] & (game.crash_rule != "grounded")
-    both_crash = defender_down & attacker_down
-    if game.scenario == "solo":  # the defender was never there: only the attacker can crash
-        both_crash = jnp.zeros_like(both_crash)
-        attacker_crash = events.crashed[ATTACKER]
+    defender_crash, attacker_crash = events.crashed[DEFENDER], events.crashed[ATTACKER]
+    both_crash = defender_crash & attacker_crash
+    if game.crash_rule == "out":  # the attacker flies on alone, and fails with its own crash
+        defender_crash = jnp.zeros_like(defender_crash)
+    if game.crash_rule == "grounded" and game.scenario == "duel":  # the fight lasts until both lie there
+        both_crash = jnp.all(events.down)
+        defender_crash = attacker_crash = jnp.zeros_like(defender_crash)
     ordered = [
         (events.intercept, Cause.INTERCEPT),
         (events.reached, Cause.REACHED),

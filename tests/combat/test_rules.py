@@ -68,8 +68,8 @@ SCENARIOS = [
     Scenario("reached past a downed defender", (5, 5, 0.1), TARGET, (REACHED,) * 3, REACHED, out=(True, False)),
     Scenario("a downed attacker at the target", HOME, (5, 5, 0.9), (NONE,) * 3, NONE, out=(False, True)),
     Scenario("a downed attacker and the clock", HOME, (0, 0, 0), (TIMEOUT,) * 3, TIMEOUT, LAST, out=(False, True)),
-    Scenario("the attacker follows", (0, 5, 0), (0, 0, 0), (BOTH_CRASH,) * 3, ATTACKER_CRASH, out=(True, False)),
-    Scenario("the defender follows", (0, 5, 0), (0, 0, 0), (BOTH_CRASH,) * 3, NONE, out=(False, True)),
+    Scenario("the attacker follows", (0, 5, 0), (0, 0, 0), (ATTACKER_CRASH, ATTACKER_CRASH, BOTH_CRASH), ATTACKER_CRASH, out=(True, False)),
+    Scenario("the defender follows", (0, 5, 0), (0, 0, 0), (DEFENDER_CRASH, NONE, BOTH_CRASH), NONE, out=(False, True)),
 ]  # fmt: skip
 
 

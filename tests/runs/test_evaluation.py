@@ -52,7 +52,8 @@ def test_summary_of_counted_fights():
         "draw": 0.3,
         "attacker": 0.3,
     }
-    assert result["cause"]["intercept"][0] == 0.3 and sum(share for share, _, _ in result["cause"].values()) == 1.0
+    assert result["cause"]["intercept"][0] == 0.3
+    assert sum(share for share, _, _ in result["cause"].values()) == pytest.approx(1.0)
     assert {role: share for role, (share, _, _) in result["crash"].items()} == {"defender": 0.2, "attacker": 0.2}
     assert result["seconds"]["mean"] == pytest.approx(0.55) and result["seconds"]["p50"] == pytest.approx(0.55)
     assert all(

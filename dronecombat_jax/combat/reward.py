@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.rules import Events, timeout_decides
 from dronecombat_jax.config import Config
-from dronecombat_jax.types import Cause, Drones, RewardTerms
+from dronecombat_jax.types import DEFENDER, Cause, Drones, RewardTerms
 
 
 def reward_terms(
@@ -38,7 +38,7 @@ def reward_terms(
     win = weights.win * jnp.stack([intercept, reached])
     win = win + weights.crash_win * jnp.stack([is_cause(Cause.ATTACKER_CRASH), is_cause(Cause.DEFENDER_CRASH)])
     pays_crash = events.down if grounded else events.crashed
-    return RewardTerms(
+    terms = RewardTerms(
         approach=dense * approach,
         linear_velocity=-dense * weights.linear_velocity_penalty * jnp.sum(drones.velocity**2, axis=-1),
         angular_velocity=-dense * weights.angular_velocity_penalty * jnp.sum(drones.rate**2, axis=-1),
@@ -47,6 +47,9 @@ def reward_terms(
         crash=-weights.crash_penalty * pays_crash.astype(jnp.float32),
         timeout=timeout * jnp.asarray([weights.timeout_win, -weights.timeout_penalty]),
     )
+    if game.scenario == "duel":
+        return terms
+    return jax.tree.map(lambda term: term.at[DEFENDER].set(0.0), terms)  # it is not there
 
 
 def total(terms: RewardTerms) -> jax.Array:

@@ -1,5 +1,6 @@
 """What a finished run leaves for a person: learning curves, an evaluation, a picture and a video of a fight."""
 
+import json
 from pathlib import Path
 
 import jax
@@ -21,6 +22,11 @@ RECORDED_FIGHTS = 32
 def finish(config: Config) -> None:
     """Draw, evaluate and film the run that `config.run` names. What cannot be drawn is said in one line."""
     run = RunDirectory(Path(config.run.directory) / config.run.name)
+    if not run.path.is_dir():
+        print(f"{run.path} has gone: no figures and no evaluation", flush=True)
+        return
+    if _is_finished(run, config):
+        return
     if config.run.figures:
         learning_curves(metrics.read(run.metrics), run.figures / "learning.png", run.name)
         print(f"learning curves: {run.figures / 'learning.png'}", flush=True)
@@ -41,6 +47,17 @@ def finish(config: Config) -> None:
             print(f"no picture of a fight: {error.message}", flush=True)
         else:
             print(f"a fight: {run.figures / 'fight.png'} and {run.video}", flush=True)
+
+
+def _is_finished(run: RunDirectory, config: Config) -> bool:
+    """Whether the last checkpoint has been evaluated and filmed already."""
+    wanted = [run.evaluation]
+    wanted += [run.figures / "learning.png"] if config.run.figures else []
+    wanted += [run.video] if config.run.video else []
+    if not all(path.is_file() for path in wanted):
+        return False
+    steps = config.num_chunks * config.steps_per_chunk
+    return all(result["steps"] == steps for result in json.loads(run.evaluation.read_text()))
 
 
 def typical_fight(run: SavedRun, seed_index: int) -> Trajectory:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.rules import Events, timeout_decides
 from dronecombat_jax.config import Config
-from dronecombat_jax.types import DEFENDER, Cause, Drones, RewardTerms
+from dronecombat_jax.types import DEFENDER, NUM_AGENTS, Cause, Drones, RewardTerms
 
 
 def reward_terms(
@@ -49,7 +49,8 @@ def reward_terms(
     )
     if game.scenario == "duel":
         return terms
-    return jax.tree.map(lambda term: term.at[DEFENDER].set(0.0), terms)  # it is not there
+    present = jnp.arange(NUM_AGENTS) != DEFENDER
+    return jax.tree.map(lambda term: jnp.where(present, term, 0.0), terms)
 
 
 def total(terms: RewardTerms) -> jax.Array:

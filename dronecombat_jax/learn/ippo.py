@@ -177,7 +177,7 @@ def optimize(learn: LearnConfig, learner: Learner, batch: Batch, key: jax.Array)
     def step(carry: tuple, minibatch: Batch):
         parameters, state, learning_rate = carry
         gradients, metrics = jax.grad(loss, argnums=1, has_aux=True)(learn, parameters, minibatch)
-        norm = optax.global_norm(gradients)
+        norm = optax.tree.norm(gradients)
         direction, stepped = adam.update(gradients, state, parameters)
         moved = optax.apply_updates(parameters, jax.tree.map(lambda leaf: -learning_rate * leaf, direction))
         # A step whose gradient is not finite is skipped: parameters and moments stay as they are.

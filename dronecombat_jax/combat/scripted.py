@@ -1,0 +1,293 @@
+"""Scripted pilots: plain opponents that fly the game's own wrench, to measure learnt policies against.
+
+A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]`, as everywhere in
+a match; these read the state alone, draw nothing and remember nothing. In here: the attitude controller they
+share and each one's guidance, which answers with a wanted acceleration. Not in here: the fights (`arena`).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.config import Config
+from dronecombat_jax.errors import UserError
+from dronecombat_jax.sim.flight import split
+from dronecombat_jax.sim.rotation import body_z, rotate_inverse
+from dronecombat_jax.sim.scene import Scene
+from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Drones, EnvState
+
+Pilot = Callable[[EnvState, jax.Array, jax.Array], jax.Array]
+
+# Closed-loop pole of the attitude per control step: 0 is deadbeat, at 1 nothing happens.
+POLE = 0.4
+# The thrust keeps at least this much lift, over gravity: with less, a drone has to roll over before it can brake.
+MIN_LIFT = 0.15
+# A descent never gets faster than this braking can stop at this margin above the crash altitude.
+FLOOR_BRAKING = 3.0  # m/s^2
+FLOOR_MARGIN = 0.2  # m
+
+VELOCITY_GAIN = 5.0  # 1/s, well below the attitude's bandwidth
+WEAVE_SPEED = 3.0  # m/s to either side
+WEAVE_RATE = 5.0  # rad/s
+WEAVE_PHASE = 1000.0  # rad per m of the target's altitude
+WEAVE_END = 2.5  # m before the target it flies straight; from twice that on it swings less
+DIVE_HEIGHT = 2.5  # m above the target
+DIVE_SPEED = 6.0  # m/s over ground before the dive
+DIVE_CLIMB = 4.0  # m/s, the fastest climb
+DIVE_FALL = 7.0  # m/s^2, downwards in the dive
+DIVE_COMMITTED = 0.5  # m/s, a descent that fast is the dive
+GUARD_DISTANCE = 2.0  # m from the target, towards the attacker
+GUARD_BRAKING = 12.0  # m/s^2
+GUARD_GAIN = 3.0  # 1/s
+GUARD_HURRY = 1.5  # its speed over the one that gets it there with the attacker
+NAVIGATION_CONSTANT = 3.0
+
+
+class Airframe(NamedTuple):
+    """What the controller knows of one drone and of the clock."""
+
+    gravity: float  # m/s^2
+    max_force: float  # full thrust over mass, m/s^2
+    inertia: jax.Array  # [3] kg m^2
+    moment_scale: float  # N m at full deflection
+    attitude_gain: float  # 1/s^2
+    rate_gain: float  # 1/s
+    spin_gain: float  # 1/s, about the body's z axis, whose heading is left alone
+    floor: float  # m, the lowest altitude that guidance may ask for
+
+
+class Situation(NamedTuple):
+    """One role's view of E fights: world frame, m and m/s."""
+
+    position: jax.Array  # [E, 3]
+    velocity: jax.Array  # [E, 3]
+    other_position: jax.Array  # [E, 3]
+    other_velocity: jax.Array  # [E, 3]
+    other_up: jax.Array  # [E, 3] its body z axis
+    target: jax.Array  # [E, 3]
+    time: jax.Array  # [E] s since the start
+
+
+Guidance = Callable[[Airframe, Situation], jax.Array]  # -> wanted acceleration [E, 3] m/s^2, world frame
+
+
+def build_pilot(name: str, config: Config, scene: Scene) -> Pilot:
+    """The scripted pilot `name` of `PILOTS`, for this body and clock. Raises UserError for an unknown name."""
+    for role, guidances in PILOTS.items():
+        if name in guidances:
+            return _pilot(role, guidances[name], airframe(config, scene, role), config.control_dt)
+    names = "; ".join(f"{ROLES[role]}s: {', '.join(guidances)}" for role, guidances in PILOTS.items())
+    raise UserError(f"{name}: no scripted pilot has this name ({names})")
+
+
+def one_per_fight(pilots: Sequence[Pilot], which: jax.Array) -> Pilot:
+    """Fight e is flown by `pilots[which[e]]`, `which` [E] int: many pairs in one program. All get the same key."""
+
+    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
+        actions = jnp.stack([pilot(state, observation, key) for pilot in pilots])
+        return actions[which, jnp.arange(which.shape[0])]
+
+    return act
+
+
+def airframe(config: Config, scene: Scene, role: int) -> Airframe:
+    """The body of `role`, and attitude gains placed in discrete time.
+
+    A held angular acceleration a moves angle and rate by (b a, h a) in a control step h of n substeps
+    of semi-implicit Euler, b = h^2 (n + 1) / 2n. With a = -(k_p angle + k_d rate) both poles lie at p if
+    k_p = (1 - p)^2 / h^2 and b k_p + h k_d = 2 (1 - p): stable however small the inertia is.
+    """
+    sim, step = config.sim, config.control_dt
+    gravity = float(scene.weight[role] / scene.mass[role])
+    gap = 1.0 - POLE
+    return Airframe(
+        gravity=gravity,
+        max_force=sim.thrust_to_weight * gravity,
+        inertia=jnp.asarray(scene.inertia[role], jnp.float32),
+        moment_scale=max(sim.moment_scale, 1e-9),
+        attitude_gain=gap**2 / step**2,
+        rate_gain=(2.0 * gap - gap**2 * (sim.substeps + 1) / (2 * sim.substeps)) / step,
+        spin_gain=gap / step,
+        floor=config.game.crash_altitude + FLOOR_MARGIN,
+    )
+
+
+def steer(body: Airframe, quaternion: jax.Array, rate: jax.Array, force: jax.Array) -> jax.Array:
+    """Action [E, 4] that turns the thrust to `force` [E, 3], a wanted thrust over mass in m/s^2, world frame.
+
+    Thrust is the wanted force along the present body z. The moment turns body z towards it on the
+    shortest way (Lee, Leok, McClamroch 2010, without a heading) and cancels the gyroscopic torque.
+    `quaternion` [E, 4], `rate` [E, 3] rad/s in the body frame. May leave [-1, 1]; the environment clips.
+    """
+    wanted = rotate_inverse(quaternion, force)
+    level = jnp.stack([-wanted[:, 1], wanted[:, 0]], axis=-1)  # e_z x wanted
+    sine = jnp.linalg.norm(level, axis=-1, keepdims=True)
+    anywhere = jnp.asarray([1.0, 0.0])  # upside down, every way is the shortest
+    axis = jnp.where(sine > 1e-6, level / jnp.maximum(sine, 1e-6), anywhere)
+    angle = jnp.arctan2(sine, wanted[:, 2:])
+    tilt = body.attitude_gain * angle * axis - body.rate_gain * rate[:, :2]
+    acceleration = jnp.concatenate([tilt, -body.spin_gain * rate[:, 2:]], axis=-1)
+    moment = body.inertia * acceleration + jnp.cross(rate, body.inertia * rate)
+    thrust = 2.0 * wanted[:, 2:] / body.max_force - 1.0
+    return jnp.clip(jnp.concatenate([thrust, moment / body.moment_scale], axis=-1), -1.0, 1.0)
+
+
+def attainable(body: Airframe, altitude: jax.Array, climb: jax.Array, acceleration: jax.Array) -> jax.Array:
+    """Thrust over mass [E, 3] nearest to a wanted `acceleration` [E, 3]: altitude first, then the way.
+
+    `altitude` [E] m and `climb` [E] m/s: a descent that could not end above the floor is braked.
+    """
+    safe = -jnp.sqrt(2.0 * FLOOR_BRAKING * jnp.maximum(altitude - body.floor, 0.0))
+    vertical = jnp.maximum(acceleration[:, 2], 2.0 * VELOCITY_GAIN * (safe - climb))
+    lift = jnp.clip(vertical + body.gravity, MIN_LIFT * body.gravity, body.max_force)
+    room = jnp.sqrt(body.max_force**2 - lift**2)
+    level = acceleration[:, :2]
+    scale = jnp.minimum(1.0, room / jnp.maximum(jnp.linalg.norm(level, axis=-1), 1e-6))
+    return jnp.concatenate([level * scale[:, None], lift[:, None]], axis=-1)
+
+
+def _pilot(role: int, guidance: Guidance, body: Airframe, step: float) -> Pilot:
+    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
+        drones = split(state.qpos, state.qvel)
+        situation = _situation(drones, role, state.target, state.clock * step)
+        wanted = guidance(body, situation)
+        force = attainable(body, situation.position[:, 2], situation.velocity[:, 2], wanted)
+        return steer(body, drones.quaternion[:, role], drones.rate[:, role], force)
+
+    return act
+
+
+def _situation(drones: Drones, role: int, target: jax.Array, time: jax.Array) -> Situation:
+    other = 1 - role
+    up = body_z(drones.quaternion[:, other])
+    position, velocity = drones.position, drones.velocity
+    return Situation(
+        position[:, role], velocity[:, role], position[:, other], velocity[:, other], up, target, time
+    )
+
+
+# Attackers
+
+
+def _dash(body: Airframe, now: Situation) -> jax.Array:
+    """Straight at the target under full thrust; no braking."""
+    return _rush(body, now.velocity, now.target - now.position)
+
+
+def _weave(body: Airframe, now: Situation) -> jax.Array:
+    """Like dash, swinging from side to side until it is near; the phase comes from the target's altitude."""
+    way = now.target - now.position
+    side = _unit(jnp.stack([-way[:, 1], way[:, 0], jnp.zeros_like(way[:, 0])], axis=-1))
+    phase = WEAVE_RATE * now.time + WEAVE_PHASE * now.target[:, 2]
+    near = jnp.clip((jnp.linalg.norm(way, axis=-1) - WEAVE_END) / WEAVE_END, 0.0, 1.0)
+    swing = near * WEAVE_SPEED * jnp.cos(phase)
+    return _rush(body, now.velocity - swing[:, None] * side, way)
+
+
+def _high_dive(body: Airframe, now: Situation) -> jax.Array:
+    """Climb on the way in, then fall on the target from above.
+
+    It dives once the fall to the target takes as long as the way over ground, and stays in the dive
+    because it is descending: no memory is needed.
+    """
+    way = now.target - now.position
+    over_ground = way.at[:, 2].set(0.0)
+    ahead = _unit(over_ground)
+    speed = jnp.maximum(_dot(now.velocity, ahead), 0.0)
+    climb, above = now.velocity[:, 2:], jnp.maximum(-way[:, 2:], 0.0)
+    fall = (climb + jnp.sqrt(climb**2 + 2.0 * DIVE_FALL * above)) / DIVE_FALL
+    in_time = jnp.linalg.norm(over_ground, axis=-1, keepdims=True) < speed * fall
+    diving = in_time | (climb < -DIVE_COMMITTED)
+
+    rise = jnp.clip(2.0 * (DIVE_HEIGHT + way[:, 2]), 0.0, DIVE_CLIMB)
+    cruise = (DIVE_SPEED * ahead).at[:, 2].set(rise)
+    climbing = VELOCITY_GAIN * (cruise - now.velocity)
+    return jnp.where(diving, _rush(body, now.velocity, way), climbing)
+
+
+# Defenders
+
+
+def _hover(body: Airframe, now: Situation) -> jax.Array:
+    """Stay: it starts at rest, so no velocity means no displacement."""
+    return -VELOCITY_GAIN * now.velocity
+
+
+def _hover_guard(body: Airframe, now: Situation) -> jax.Array:
+    """Stand on the attacker's way, at the target in the end; hurry there if the attacker comes first."""
+    line = now.other_position - now.target
+    length = jnp.linalg.norm(line, axis=-1, keepdims=True)
+    post = now.target + jnp.minimum(GUARD_DISTANCE, 0.5 * length) * _unit(line)
+    way = post - now.position
+    distance = jnp.linalg.norm(way, axis=-1, keepdims=True)
+    stopping = jnp.minimum(GUARD_GAIN * distance, jnp.sqrt(2.0 * GUARD_BRAKING * distance))
+    incoming = post - now.other_position
+    closing = jnp.maximum(_dot(now.other_velocity, _unit(incoming)), 0.0)
+    hurried = GUARD_HURRY * distance * closing / jnp.maximum(jnp.linalg.norm(incoming, axis=-1, keepdims=True), 0.3)
+    return VELOCITY_GAIN * (jnp.maximum(stopping, hurried) * _unit(way) - now.velocity)
+
+
+def _pure_pursuit(body: Airframe, now: Situation) -> jax.Array:
+    """Always straight at where the attacker is."""
+    return _rush(body, now.velocity, now.other_position - now.position)
+
+
+def _proportional_navigation(body: Airframe, now: Situation) -> jax.Array:
+    """Augmented proportional navigation: turn with the line of sight, close under what thrust is left.
+
+    Across the line of sight, N (v t + a t^2 / 2) / t^2 for the time to go t (Zarchan, "Tactical and
+    Strategic Missile Guidance"). The attacker's acceleration is read off its tilt: g tan(tilt) if it
+    holds its altitude.
+    """
+    sight = now.other_position - now.position
+    along = _unit(sight)
+    distance = jnp.linalg.norm(sight, axis=-1, keepdims=True)
+    relative = now.other_velocity - now.velocity
+    closing = -_dot(relative, along)
+    time = (jnp.sqrt(closing**2 + 2.0 * body.max_force * distance) - closing) / body.max_force
+    lift = jnp.minimum(body.gravity / jnp.maximum(now.other_up[:, 2:], 1e-3), body.max_force)
+    turning = (lift * now.other_up).at[:, 2].add(-body.gravity)
+    across = lambda vector: vector - _dot(vector, along) * along
+    miss = across(relative) / jnp.maximum(time, 0.05) + 0.5 * across(turning)
+    return _full_thrust(body, along, NAVIGATION_CONSTANT * miss)
+
+
+PILOTS: dict[int, dict[str, Guidance]] = {
+    DEFENDER: {
+        "hover": _hover,
+        "hover_guard": _hover_guard,
+        "pure_pursuit": _pure_pursuit,
+        "proportional_navigation": _proportional_navigation,
+    },
+    ATTACKER: {"dash": _dash, "weave": _weave, "high_dive": _high_dive},
+}
+
+
+# Guidance they share
+
+
+def _rush(body: Airframe, velocity: jax.Array, way: jax.Array) -> jax.Array:
+    """Full thrust along `way` [E, 3] while the `velocity` across it dies out."""
+    along = _unit(way)
+    return _full_thrust(body, along, -VELOCITY_GAIN * (velocity - _dot(velocity, along) * along))
+
+
+def _full_thrust(body: Airframe, along: jax.Array, across: jax.Array) -> jax.Array:
+    """Acceleration `across` + s `along` with the largest s that full thrust and the least lift allow."""
+    held = across.at[:, 2].add(body.gravity)  # thrust over mass without the part along
+    projection = _dot(held, along)
+    room = projection**2 - _dot(held, held) + body.max_force**2
+    most = jnp.sqrt(jnp.maximum(room, 0.0)) - projection
+    descent = jnp.maximum(-along[:, 2:], 1e-3)
+    until_least_lift = jnp.maximum(held[:, 2:] - MIN_LIFT * body.gravity, 0.0) / descent
+    return across + jnp.minimum(most, until_least_lift) * along
+
+
+def _dot(left: jax.Array, right: jax.Array) -> jax.Array:
+    return jnp.sum(left * right, axis=-1, keepdims=True)
+
+
+def _unit(vector: jax.Array) -> jax.Array:
+    return vector / jnp.maximum(jnp.linalg.norm(vector, axis=-1, keepdims=True), 1e-6)

@@ -100,7 +100,7 @@ def test_what_differs_is_printed_once(rooms, capsys):
     assert '  game.scenario = "solo" (default "duel")' in lines
     assert "  train.seed = 4 (default 0)" in lines
     assert "--print-config" in lines[-1]
-    assert len(lines) == 2 + 4
+    assert len(lines) == 2 + 8
 
 
 def test_print_config_prints_all_of_it_and_trains_nothing(rooms, capsys, tmp_path):

@@ -76,11 +76,12 @@ def test_what_the_presets_promise():
     assert authors.learn.clip_actions and not authors.learn.bootstrap_timeout
     assert not settings.load("literal").reward.time_scaled
     assert settings.load("solo").game.scenario == "solo" and settings.load("solo").train.total_steps == 8_000_000
-    assert settings.load("laptop") == Config()
     assert settings.load("smoke").num_chunks == 3
     colab, laptop = settings.load("colab"), settings.load("laptop")
     sizes = [c.steps_per_iteration / c.learn.minibatches for c in (colab, laptop)]
     assert sizes[0] == pytest.approx(sizes[1], rel=0.05)
+    assert (colab.game, colab.reward) == (laptop.game, laptop.reward)
+    assert laptop.game.crash_rule == "out" and laptop.train.num_envs * laptop.learn.rollout_steps == 24_000
 
 
 def test_presets_of_a_wheel_come_before_those_of_a_folder_beside_it(tmp_path, monkeypatch):
@@ -424,7 +425,7 @@ def test_this_machine_has_memory():
 
 
 def test_diff_names_what_differs():
-    a, b = Config(), settings.load("solo", {"learn.epochs": 3})
+    a, b = Config(), settings.load(None, {"game.scenario": "solo", "learn.epochs": 3, "train.total_steps": 8_000_000})
     assert settings.diff(a, b) == [
         ("game.scenario", "duel", "solo"),
         ("learn.epochs", 5, 3),

@@ -25,8 +25,8 @@ POLE = 0.4
 # The thrust keeps at least this much lift, over gravity: with less, a drone has to roll over before it can brake.
 MIN_LIFT = 0.15
 # A descent never gets faster than this braking can stop at this margin above the crash altitude.
-FLOOR_BRAKING = 3.0  # m/s^2
-FLOOR_MARGIN = 0.2  # m
+FLOOR_BRAKING = 2.5  # m/s^2
+FLOOR_MARGIN = 0.25  # m
 
 VELOCITY_GAIN = 5.0  # 1/s, well below the attitude's bandwidth
 WEAVE_SPEED = 3.0  # m/s to either side
@@ -37,6 +37,7 @@ DIVE_HEIGHT = 2.5  # m above the target
 DIVE_SPEED = 6.0  # m/s over ground before the dive
 DIVE_CLIMB = 4.0  # m/s, the fastest climb
 DIVE_FALL = 7.0  # m/s^2, downwards in the dive
+DIVE_LEAD = 1.1  # its speed over the one that arrives with the fall
 DIVE_COMMITTED = 0.5  # m/s, a descent that fast is the dive
 GUARD_DISTANCE = 2.0  # m from the target, towards the attacker
 GUARD_BRAKING = 12.0  # m/s^2
@@ -119,7 +120,7 @@ def steer(body: Airframe, quaternion: jax.Array, rate: jax.Array, force: jax.Arr
 
     Thrust is the wanted force along the present body z. The moment turns body z towards it on the
     shortest way (Lee, Leok, McClamroch 2010, without a heading) and cancels the gyroscopic torque.
-    `quaternion` [E, 4], `rate` [E, 3] rad/s in the body frame. May leave [-1, 1]; the environment clips.
+    `quaternion` [E, 4], `rate` [E, 3] rad/s in the body frame.
     """
     wanted = rotate_inverse(quaternion, force)
     level = jnp.stack([-wanted[:, 1], wanted[:, 0]], axis=-1)  # e_z x wanted
@@ -163,9 +164,7 @@ def _situation(drones: Drones, role: int, target: jax.Array, time: jax.Array) ->
     other = 1 - role
     up = body_z(drones.quaternion[:, other])
     position, velocity = drones.position, drones.velocity
-    return Situation(
-        position[:, role], velocity[:, role], position[:, other], velocity[:, other], up, target, time
-    )
+    return Situation(position[:, role], velocity[:, role], position[:, other], velocity[:, other], up, target, time)
 
 
 # Attackers
@@ -189,22 +188,23 @@ def _weave(body: Airframe, now: Situation) -> jax.Array:
 def _high_dive(body: Airframe, now: Situation) -> jax.Array:
     """Climb on the way in, then fall on the target from above.
 
-    It dives once the fall to the target takes as long as the way over ground, and stays in the dive
-    because it is descending: no memory is needed.
+    It dives once the fall to the target takes as long as the way over ground, a little faster over ground
+    than that so that the choice stands; later its descent tells that it is diving: no memory is needed.
     """
     way = now.target - now.position
     over_ground = way.at[:, 2].set(0.0)
     ahead = _unit(over_ground)
-    speed = jnp.maximum(_dot(now.velocity, ahead), 0.0)
+    distance = jnp.linalg.norm(over_ground, axis=-1, keepdims=True)
     climb, above = now.velocity[:, 2:], jnp.maximum(-way[:, 2:], 0.0)
     fall = (climb + jnp.sqrt(climb**2 + 2.0 * DIVE_FALL * above)) / DIVE_FALL
-    in_time = jnp.linalg.norm(over_ground, axis=-1, keepdims=True) < speed * fall
-    diving = in_time | (climb < -DIVE_COMMITTED)
+    meeting = distance / jnp.maximum(fall, 0.1)  # the speed over ground that arrives with the fall
+    in_time = meeting < _dot(now.velocity, ahead)
+    diving = (in_time | (climb < -DIVE_COMMITTED)) & (above > 0.0)
 
-    rise = jnp.clip(2.0 * (DIVE_HEIGHT + way[:, 2]), 0.0, DIVE_CLIMB)
-    cruise = (DIVE_SPEED * ahead).at[:, 2].set(rise)
-    climbing = VELOCITY_GAIN * (cruise - now.velocity)
-    return jnp.where(diving, _rush(body, now.velocity, way), climbing)
+    rise = jnp.clip(2.0 * (DIVE_HEIGHT + way[:, 2:]), 0.0, DIVE_CLIMB)
+    speed = jnp.where(diving, jnp.minimum(DIVE_LEAD * meeting, DIVE_SPEED), DIVE_SPEED)
+    wanted = VELOCITY_GAIN * (speed * ahead + rise * jnp.asarray([0.0, 0.0, 1.0]) - now.velocity)
+    return wanted.at[:, 2].set(jnp.where(diving[:, 0], -DIVE_FALL, wanted[:, 2]))
 
 
 # Defenders

@@ -4,13 +4,12 @@ A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> act
 policies and scripted pilots are the same to a match. Many policies against many: `tournament`.
 """
 
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.scripted import Pilot
 from dronecombat_jax.config import LearnConfig
 from dronecombat_jax.learn.networks import forward
 from dronecombat_jax.learn.normalize import normalize
@@ -25,8 +24,6 @@ from dronecombat_jax.types import (
     Policy,
     Trajectory,
 )
-
-Pilot = Callable[[EnvState, jax.Array, jax.Array], jax.Array]
 
 
 def policy_of(learner: Learner) -> Policy:

@@ -1,8 +1,9 @@
 """Scripted pilots: plain opponents that fly the game's own wrench, to measure learnt policies against.
 
 A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]`, as everywhere in
-a match; these read the state alone, draw nothing and remember nothing. In here: the attitude controller they
-share and each one's guidance, which answers with a wanted acceleration. Not in here: the fights (`arena`).
+a match; these read the state alone, draw nothing and remember nothing. In here: each
+one's guidance, which answers with a wanted acceleration. Not in here: the controller that flies it
+(`autopilot`) and the fights (`arena`).
 """
 
 from collections.abc import Callable, Sequence
@@ -11,24 +12,16 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from dronecombat_jax.combat.autopilot import MIN_LIFT, VELOCITY_GAIN, Airframe, airframe, attainable, steer
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim.flight import split
-from dronecombat_jax.sim.rotation import body_z, rotate_inverse
+from dronecombat_jax.sim.rotation import body_z
 from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Drones, EnvState
 
 Pilot = Callable[[EnvState, jax.Array, jax.Array], jax.Array]
 
-# Closed-loop pole of the attitude per control step: 0 is deadbeat, at 1 nothing happens.
-POLE = 0.4
-# The thrust keeps at least this much lift, over gravity: with less, a drone has to roll over before it can brake.
-MIN_LIFT = 0.15
-# A descent never gets faster than this braking can stop at this margin above the crash altitude.
-FLOOR_BRAKING = 2.5  # m/s^2
-FLOOR_MARGIN = 0.25  # m
-
-VELOCITY_GAIN = 5.0  # 1/s, well below the attitude's bandwidth
 WEAVE_SPEED = 3.0  # m/s to either side
 WEAVE_RATE = 5.0  # rad/s
 WEAVE_PHASE = 1000.0  # rad per m of the target's altitude
@@ -44,19 +37,6 @@ GUARD_BRAKING = 12.0  # m/s^2
 GUARD_GAIN = 3.0  # 1/s
 GUARD_HURRY = 1.5  # its speed over the one that gets it there with the attacker
 NAVIGATION_CONSTANT = 3.0
-
-
-class Airframe(NamedTuple):
-    """What the controller knows of one drone and of the clock."""
-
-    gravity: float  # m/s^2
-    max_force: float  # full thrust over mass, m/s^2
-    inertia: jax.Array  # [3] kg m^2
-    moment_scale: float  # N m at full deflection
-    attitude_gain: float  # 1/s^2
-    rate_gain: float  # 1/s
-    spin_gain: float  # 1/s, about the body's z axis, whose heading is left alone
-    floor: float  # m, the lowest altitude that guidance may ask for
 
 
 class Situation(NamedTuple):
@@ -91,62 +71,6 @@ def one_per_fight(pilots: Sequence[Pilot], which: jax.Array) -> Pilot:
         return actions[which, jnp.arange(which.shape[0])]
 
     return act
-
-
-def airframe(config: Config, scene: Scene, role: int) -> Airframe:
-    """The body of `role`, and attitude gains placed in discrete time.
-
-    A held angular acceleration a moves angle and rate by (b a, h a) in a control step h of n substeps
-    of semi-implicit Euler, b = h^2 (n + 1) / 2n. With a = -(k_p angle + k_d rate) both poles lie at p if
-    k_p = (1 - p)^2 / h^2 and b k_p + h k_d = 2 (1 - p): stable however small the inertia is.
-    """
-    sim, step = config.sim, config.control_dt
-    gravity = float(scene.weight[role] / scene.mass[role])
-    gap = 1.0 - POLE
-    return Airframe(
-        gravity=gravity,
-        max_force=sim.thrust_to_weight * gravity,
-        inertia=jnp.asarray(scene.inertia[role], jnp.float32),
-        moment_scale=max(sim.moment_scale, 1e-9),
-        attitude_gain=gap**2 / step**2,
-        rate_gain=(2.0 * gap - gap**2 * (sim.substeps + 1) / (2 * sim.substeps)) / step,
-        spin_gain=gap / step,
-        floor=config.game.crash_altitude + FLOOR_MARGIN,
-    )
-
-
-def steer(body: Airframe, quaternion: jax.Array, rate: jax.Array, force: jax.Array) -> jax.Array:
-    """Action [E, 4] that turns the thrust to `force` [E, 3], a wanted thrust over mass in m/s^2, world frame.
-
-    Thrust is the wanted force along the present body z. The moment turns body z towards it on the
-    shortest way (Lee, Leok, McClamroch 2010, without a heading) and cancels the gyroscopic torque.
-    `quaternion` [E, 4], `rate` [E, 3] rad/s in the body frame.
-    """
-    wanted = rotate_inverse(quaternion, force)
-    level = jnp.stack([-wanted[:, 1], wanted[:, 0]], axis=-1)  # e_z x wanted
-    sine = jnp.linalg.norm(level, axis=-1, keepdims=True)
-    anywhere = jnp.asarray([1.0, 0.0])  # upside down, every way is the shortest
-    axis = jnp.where(sine > 1e-6, level / jnp.maximum(sine, 1e-6), anywhere)
-    angle = jnp.arctan2(sine, wanted[:, 2:])
-    tilt = body.attitude_gain * angle * axis - body.rate_gain * rate[:, :2]
-    acceleration = jnp.concatenate([tilt, -body.spin_gain * rate[:, 2:]], axis=-1)
-    moment = body.inertia * acceleration + jnp.cross(rate, body.inertia * rate)
-    thrust = 2.0 * wanted[:, 2:] / body.max_force - 1.0
-    return jnp.clip(jnp.concatenate([thrust, moment / body.moment_scale], axis=-1), -1.0, 1.0)
-
-
-def attainable(body: Airframe, altitude: jax.Array, climb: jax.Array, acceleration: jax.Array) -> jax.Array:
-    """Thrust over mass [E, 3] nearest to a wanted `acceleration` [E, 3]: altitude first, then the way.
-
-    `altitude` [E] m and `climb` [E] m/s: a descent that could not end above the floor is braked.
-    """
-    safe = -jnp.sqrt(2.0 * FLOOR_BRAKING * jnp.maximum(altitude - body.floor, 0.0))
-    vertical = jnp.maximum(acceleration[:, 2], 2.0 * VELOCITY_GAIN * (safe - climb))
-    lift = jnp.clip(vertical + body.gravity, MIN_LIFT * body.gravity, body.max_force)
-    room = jnp.sqrt(body.max_force**2 - lift**2)
-    level = acceleration[:, :2]
-    scale = jnp.minimum(1.0, room / jnp.maximum(jnp.linalg.norm(level, axis=-1), 1e-6))
-    return jnp.concatenate([level * scale[:, None], lift[:, None]], axis=-1)
 
 
 def _pilot(role: int, guidance: Guidance, body: Airframe, step: float) -> Pilot:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dronecombat_jax.combat import scripted
+from dronecombat_jax.combat import autopilot, scripted
 from dronecombat_jax.config import Config, SimConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, EnvState
@@ -18,8 +18,8 @@ STILL = (2 / 1.9 - 1, 0.0, 0.0, 0.0)  # thrust equals weight
 
 
 @pytest.fixture(scope="module")
-def body(arena: SimpleNamespace) -> scripted.Airframe:
-    return scripted.airframe(arena.combat.config, arena.combat.scene, DEFENDER)
+def body(arena: SimpleNamespace) -> autopilot.Airframe:
+    return autopilot.airframe(arena.combat.config, arena.combat.scene, DEFENDER)
 
 
 def fly_defender(arena: SimpleNamespace, state: EnvState, steps: int) -> np.ndarray:
@@ -51,7 +51,7 @@ def random_state(seed: int, fights: int) -> EnvState:
 def test_attitude_poles_lie_where_they_were_put(arena: SimpleNamespace, timestep: float, substeps: int):
     """Against the closed loop built by a slow loop over the integrator's substeps."""
     config = Config(sim=SimConfig(timestep=timestep, substeps=substeps))
-    body = scripted.airframe(config, arena.combat.scene, DEFENDER)
+    body = autopilot.airframe(config, arena.combat.scene, DEFENDER)
     columns = []
     for angle, rate in ((1.0, 0.0), (0.0, 1.0)):
         acceleration = -body.attitude_gain * angle - body.rate_gain * rate
@@ -60,7 +60,7 @@ def test_attitude_poles_lie_where_they_were_put(arena: SimpleNamespace, timestep
             angle += timestep * rate
         columns.append((angle, rate))
     poles = np.linalg.eigvals(np.array(columns).T)
-    np.testing.assert_allclose(poles, scripted.POLE, atol=1e-4)  # a double pole: the square root of rounding
+    np.testing.assert_allclose(poles, autopilot.POLE, atol=1e-4)  # a double pole: the square root of rounding
     assert abs(1.0 - body.spin_gain * timestep * substeps) < 1.0
 
 
@@ -96,26 +96,26 @@ def test_what_does_not_run_is_caught(arena: SimpleNamespace, fresh: EnvState, na
     assert np.all(caught)
 
 
-def test_thrust_limit_keeps_the_altitude(body: scripted.Airframe):
+def test_thrust_limit_keeps_the_altitude(body: autopilot.Airframe):
     """Vertical demands come through whole, horizontal ones get what is left, in their direction."""
     g, most = body.gravity, body.max_force
     wanted = jnp.array([[100.0, 0, 0], [30, -40, 2], [1, 1, 1], [0, 0, 100], [5, 0, -100]])
     high, at_rest = jnp.full(5, 50.0), jnp.zeros(5)
-    force = scripted.attainable(body, high, at_rest, wanted)
+    force = autopilot.attainable(body, high, at_rest, wanted)
     rest = np.sqrt(most**2 - (g + 2) ** 2)
     expected = [[np.sqrt(most**2 - g**2), 0, g], [0.6 * rest, -0.8 * rest, g + 2], [1, 1, g + 1], [0, 0, most]]
     np.testing.assert_allclose(force[:4], expected, rtol=1e-4, atol=1e-2)
-    np.testing.assert_allclose(force[4], [5, 0, scripted.MIN_LIFT * g], rtol=1e-4)
+    np.testing.assert_allclose(force[4], [5, 0, autopilot.MIN_LIFT * g], rtol=1e-4)
 
 
-def test_a_descent_near_the_floor_is_braked(body: scripted.Airframe):
+def test_a_descent_near_the_floor_is_braked(body: autopilot.Airframe):
     altitude, climb = jnp.array([3.0, 0.6, 0.3]), jnp.array([0.0, -3.0, 0.0])
-    lift = scripted.attainable(body, altitude, climb, jnp.zeros((3, 3)).at[:, 2].set(-5.0))[:, 2]
+    lift = autopilot.attainable(body, altitude, climb, jnp.zeros((3, 3)).at[:, 2].set(-5.0))[:, 2]
     assert lift[0] == pytest.approx(body.gravity - 5.0, rel=1e-4)
     assert lift[1] == pytest.approx(body.max_force, rel=1e-4) and lift[2] >= body.gravity
 
 
-def test_full_thrust_holds_what_is_asked_across(body: scripted.Airframe):
+def test_full_thrust_holds_what_is_asked_across(body: autopilot.Airframe):
     """|across + s along - gravity| is the full thrust, and the part across is kept."""
     along = jnp.array([[0.6, 0.8, 0.0], [0.6, 0.0, 0.8], [0.8, 0.0, -0.6]])
     across = jnp.array([[-0.8, 0.6, 0.5], [0.0, 3.0, 0.0], [0.0, -2.0, 0.0]])
@@ -124,7 +124,7 @@ def test_full_thrust_holds_what_is_asked_across(body: scripted.Airframe):
     np.testing.assert_allclose(wanted - part * along, across, atol=1e-4)
     force = np.asarray(wanted + jnp.array([0, 0, body.gravity]))
     np.testing.assert_allclose(np.linalg.norm(force[:2], axis=-1), body.max_force, rtol=1e-4)
-    assert force[2, 2] == pytest.approx(scripted.MIN_LIFT * body.gravity, rel=1e-3) and part[2, 0] > 0
+    assert force[2, 2] == pytest.approx(autopilot.MIN_LIFT * body.gravity, rel=1e-3) and part[2, 0] > 0
 
 
 @pytest.mark.parametrize("name", NAMES)

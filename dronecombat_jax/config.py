@@ -161,10 +161,32 @@ class LearnConfig:
 
 @dataclass(frozen=True)
 class SelfPlayConfig:
-    """Frozen past opponents. IPPO is probability 0."""
+    """Frozen past opponents (S-IPPO). IPPO is probability 0."""
 
     probability: float = setting(
-        0.0, "chance that a chunk is fought against a frozen past attacker (0: IPPO)", low=0.0, high=1.0
+        0.0,
+        "chance that a chunk is fought against frozen past opponents (0: IPPO; the paper's S-IPPO: 0.2)",
+        low=0.0,
+        high=1.0,
+    )
+    roles: Literal["defender", "attacker", "both"] = setting(
+        "defender", "who meets the past of the other: the defender (paper), the attacker, or in turn by lot both"
+    )
+    sampler: Literal["uniform", "latest", "delta_uniform", "pfsp_hard", "pfsp_variance"] = setting(
+        "uniform", "how past opponents are drawn from the pool (selfplay.samplers)"
+    )
+    scope: Literal["chunk", "environment"] = setting(
+        "chunk", "one past opponent for a whole chunk (paper), or one drawn for each environment"
+    )
+    delta: float = setting(
+        0.5, "delta_uniform: how far back, as a share of the pool (0: the newest alone)", low=0.0, high=1.0
+    )
+    pfsp_power: float = setting(2.0, "pfsp_hard: exponent k of (1 - x)^k", low=0.0, high=100.0)
+    memory: float = setting(
+        0.5, "what a record of wins against a pool member is still worth one chunk later", low=0.0, high=1.0
+    )
+    restore_live: bool = setting(
+        True, "the live player comes back after a frozen chunk (false: lost, as in the authors' script)"
     )
 
 
@@ -183,9 +205,9 @@ class TrainConfig:
     reset_at_chunk: bool = setting(
         False, "start all fights anew at every chunk; they then fly in step, which unsettles learning for a while"
     )
-    solo_warmup_steps: int = setting(
+    head_start_steps: int = setting(
         0,
-        "environment steps in which the attacker flies alone before the duel, rounded up to whole chunks",
+        "environment steps in which the attacker alone learns, against the untrained defender; whole chunks",
         low=0,
         high=10**12,
     )
@@ -238,6 +260,6 @@ class Config:
         return -(-self.train.total_steps // self.steps_per_chunk)
 
     @property
-    def warmup_chunks(self) -> int:
-        """Chunks in which the attacker flies alone."""
-        return -(-self.train.solo_warmup_steps // self.steps_per_chunk)
+    def head_start_chunks(self) -> int:
+        """Chunks in which the attacker alone learns."""
+        return -(-self.train.head_start_steps // self.steps_per_chunk)

@@ -164,6 +164,32 @@ class IterationMetrics(NamedTuple):
     episode_steps: jax.Array  # [] sum over ended fights, control steps
     reward_terms: RewardTerms  # each [A], mean per step
     learners: UpdateMetrics  # each [A]
+    frozen: jax.Array  # [] int32, the role that was played by its past; -1: none
+    opponent: jax.Array  # [] mean slot of the past players met; -1: none
+
+
+class Policy(struct.PyTreeNode):
+    """What a drone needs to fly: the policy network and the scaler it was trained with."""
+
+    network: MLP
+    log_std: jax.Array  # [4]
+    observation_scaler: Scaler  # [35]
+
+
+class Pool(struct.PyTreeNode):
+    """The past policies of one role, one slot a chunk: slot k holds the agent as it was when chunk k began."""
+
+    policies: Policy  # each leaf [K, ...]; zeros where the chunk has not begun
+    wins: jax.Array  # [K] fights that the live learner won against this member, draws half; old ones fade
+    games: jax.Array  # [K] fights against this member; old ones fade
+
+
+class SelfPlay(struct.PyTreeNode):
+    """Who is met in the present chunk, and who may be met later."""
+
+    pools: tuple[Pool | None, Pool | None]  # by the role of the past player; None where its past is never played
+    frozen: jax.Array  # [] int32, the role that is played by its past in this chunk; -1: none
+    opponent: jax.Array  # [N] int32, the slot that it is played from in each environment; -1: none
 
 
 class TrainState(struct.PyTreeNode):
@@ -173,14 +199,7 @@ class TrainState(struct.PyTreeNode):
     env: EnvState  # each leaf [N, ...]
     seed: jax.Array  # [] uint32
     iteration: jax.Array  # [] int32, iterations done
-
-
-class Policy(struct.PyTreeNode):
-    """What a drone needs to fly: the policy network and the scaler it was trained with."""
-
-    network: MLP
-    log_std: jax.Array  # [4]
-    observation_scaler: Scaler  # [35]
+    selfplay: SelfPlay | None = None  # None: probability 0 (IPPO)
 
 
 class FightResult(NamedTuple):

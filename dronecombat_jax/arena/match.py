@@ -11,8 +11,7 @@ import numpy as np
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import Pilot
 from dronecombat_jax.config import LearnConfig
-from dronecombat_jax.learn.networks import forward
-from dronecombat_jax.learn.normalize import normalize
+from dronecombat_jax.learn.rollout import policy_mean
 from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
@@ -20,24 +19,16 @@ from dronecombat_jax.types import (
     EnvState,
     FightRecord,
     FightResult,
-    Learner,
     Policy,
     Trajectory,
 )
-
-
-def policy_of(learner: Learner) -> Policy:
-    """What flies, out of what learns; any leading axes."""
-    return Policy(learner.parameters.policy, learner.parameters.log_std, learner.observation_scaler)
 
 
 def policy_pilot(learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False) -> Pilot:
     """Fly `policy` as `role`: its mean action, or a draw from it."""
 
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
-        own = observation[:, role]
-        scaled = normalize(policy.observation_scaler, own) if learn.normalize_observations else own
-        mean = forward(policy.network, scaled)
+        mean = policy_mean(learn, policy, observation[:, role])
         if not stochastic:
             return mean
         log_std = jnp.clip(policy.log_std, learn.min_log_std, learn.max_log_std)

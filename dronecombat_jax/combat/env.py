@@ -39,10 +39,10 @@ class Combat:
         """Uniform numbers `[*shape, 9]` in [0, 1), enough to `spawn` that many fights."""
         return jax.random.uniform(key, (*shape, NUM_DRAWS))
 
-    def spawn(self, draws: jax.Array, absent_defender: jax.Array | bool = False) -> EnvState:
+    def spawn(self, draws: jax.Array) -> EnvState:
         """A fight about to start, from `draws` [9] in [0, 1).
 
-        `absent_defender`: the attacker flies alone; the defender stands still at its start and takes no part.
+        In `solo` the attacker flies alone; the defender stands still at its start and takes no part.
         """
         game = self.config.game
         draws = draws.reshape(3, 3)
@@ -53,13 +53,12 @@ class Combat:
         positions = jnp.concatenate([plane, altitude[:, None]], axis=-1)
         level = jnp.asarray([1.0, 0.0, 0.0, 0.0])
         pose = jnp.concatenate([positions[:NUM_AGENTS], jnp.broadcast_to(level, (NUM_AGENTS, 4))], axis=-1)
-        absent = jnp.asarray(absent_defender, bool) | (game.scenario == "solo")
         return EnvState(
             qpos=pose.reshape(-1),
             qvel=jnp.zeros(6 * NUM_AGENTS),
             target=positions[NUM_AGENTS],
             clock=jnp.zeros((), jnp.int32),
-            out=jnp.stack([absent, jnp.zeros_like(absent)]),
+            out=jnp.asarray([game.scenario == "solo", False]),
         )
 
     def reset(self, key: jax.Array) -> EnvState:

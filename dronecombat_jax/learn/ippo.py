@@ -1,12 +1,11 @@
-"""One training iteration of IPPO: collect, estimate advantages, update each learner on its own."""
+"""Learning from a rollout by IPPO: estimate advantages, update each learner on its own."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import optax
 
-from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config import LearnConfig
 from dronecombat_jax.learn import ppo
 from dronecombat_jax.learn.networks import (
@@ -17,27 +16,16 @@ from dronecombat_jax.learn.networks import (
     init_parameters,
 )
 from dronecombat_jax.learn.normalize import denormalize, init_scaler, normalize, update_scaler
-from dronecombat_jax.learn.rollout import collect, scaled, select
+from dronecombat_jax.learn.rollout import scaled, select
 from dronecombat_jax.types import (
     NUM_AGENTS,
     OBSERVATION_SIZE,
     Batch,
-    Cause,
-    EnvState,
-    IterationMetrics,
     Learner,
     Parameters,
     Transition,
     UpdateMetrics,
 )
-
-
-class IterationKeys(NamedTuple):
-    """The random numbers of one iteration, by purpose; each used once."""
-
-    noise: jax.Array
-    spawn: jax.Array
-    shuffle: jax.Array
 
 
 def optimizer(learn: LearnConfig) -> Any:
@@ -57,23 +45,18 @@ def init_learner(key: jax.Array, learn: LearnConfig) -> Learner:
     )
 
 
-def iterate(
-    combat: Combat,
-    learners: Learner,
-    env: EnvState,
-    keys: IterationKeys,
-    learning: jax.Array,
-    absent_defender: jax.Array | bool,
-) -> tuple[Learner, EnvState, IterationMetrics]:
-    """One iteration. `learning` [A] bool: an agent that does not learn keeps every bit of its state."""
-    learn = combat.config.learn
-    env, rollout = collect(combat, learners, env, keys.noise, keys.spawn, absent_defender)
+def learn_from(
+    learn: LearnConfig, learners: Learner, rollout: Transition, key: jax.Array, learning: jax.Array
+) -> tuple[Learner, UpdateMetrics]:
+    """Update each agent that is `learning` [A] bool on its own part of the rollout; leaves [A, ...].
+
+    An agent that does not learn keeps every bit of its state. One that learns must have flown itself.
+    """
     results = []
     for agent in range(NUM_AGENTS):
-        key = jax.random.fold_in(keys.shuffle, agent)
-        results.append(_update_if(learning[agent], learn, select(learners, agent), rollout, agent, key))
-    learners, metrics = jax.tree.map(lambda *leaves: jnp.stack(leaves), *results)
-    return learners, env, summarize(rollout, absent_defender, metrics)
+        shuffle_key = jax.random.fold_in(key, agent)
+        results.append(_update_if(learning[agent], learn, select(learners, agent), rollout, agent, shuffle_key))
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *results)
 
 
 def _update_if(
@@ -98,7 +81,7 @@ def update_learner(
     learner, batch = prepare_batch(
         learn,
         learner,
-        observation=scaled(learn, learner, observation),
+        observation=scaled(learn, learner.observation_scaler, observation),
         action=rollout.action[:, :, agent],
         log_prob=rollout.log_prob[:, :, agent],
         reward=rollout.reward[:, :, agent],
@@ -121,7 +104,7 @@ def estimate_values(
     """
 
     def evaluate(observation: jax.Array) -> jax.Array:
-        value = forward(learner.parameters.value, scaled(learn, learner, observation))[..., 0]
+        value = forward(learner.parameters.value, scaled(learn, learner.observation_scaler, observation))[..., 0]
         return denormalize(learner.value_scaler, value) if learn.normalize_values else value
 
     value = evaluate(rollout.observation[:, :, agent])
@@ -235,17 +218,3 @@ def loss(learn: LearnConfig, parameters: Parameters, batch: Batch) -> tuple[jax.
     total = policy_loss + learn.value_loss_scale * value_loss - learn.entropy_scale * entropy
     clipped = jnp.mean(jnp.abs(jnp.expm1(log_ratio)) > learn.clip_ratio)
     return total, (policy_loss, value_loss, entropy, ppo.approximate_kl(log_ratio), clipped)
-
-
-def summarize(rollout: Transition, absent_defender: jax.Array | bool, learners: UpdateMetrics) -> IterationMetrics:
-    """Count what happened in a rollout; an absent defender has not crashed."""
-    done = rollout.terminated | rollout.truncated
-    down = rollout.out & ~jnp.stack([jnp.asarray(absent_defender), jnp.zeros((), bool)])
-    causes = jnp.sum(jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * done[..., None], axis=(0, 1))
-    return IterationMetrics(
-        causes=causes,
-        crashes=jnp.sum(down & done[..., None], axis=(0, 1), dtype=jnp.int32),
-        episode_steps=jnp.sum(rollout.clock * done, dtype=jnp.int32),
-        reward_terms=jax.tree.map(lambda term: jnp.mean(term, axis=(0, 1)), rollout.reward_terms),
-        learners=learners,
-    )

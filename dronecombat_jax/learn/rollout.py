@@ -5,22 +5,24 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config import LearnConfig
-from dronecombat_jax.learn.networks import bounded_log_std, forward, gaussian_log_prob
+from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import normalize
-from dronecombat_jax.types import ACTION_SIZE, NUM_AGENTS, EnvState, Learner, StepOutput, Transition
+from dronecombat_jax.types import ACTION_SIZE, NUM_AGENTS, EnvState, Learner, Policy, Scaler, StepOutput, Transition
+
+# Who flies: the defender's and the attacker's policy; leaves [...], or [N, ...] for one in each environment.
+Policies = tuple[Policy, Policy]
 
 
 def collect(
     combat: Combat,
-    learners: Learner,
+    policies: Policies,
     env: EnvState,
     noise_key: jax.Array,
     spawn_key: jax.Array,
-    absent_defender: jax.Array | bool = False,
 ) -> tuple[EnvState, Transition]:
     """Fly `rollout_steps` steps in every environment.
 
-    `learners` leaves [A, ...], `env` leaves [N, ...]. All random numbers are drawn before the scan
+    `env` leaves [N, ...]. All random numbers are drawn before the scan
     (one call each, and XLA's CPU runtime has deadlocked on draws inside it).
     """
     learn = combat.config.learn
@@ -28,33 +30,35 @@ def collect(
     steps = learn.rollout_steps
     noise = jax.random.normal(noise_key, (steps, num_envs, NUM_AGENTS, ACTION_SIZE))
     draws = combat.draw(spawn_key, (steps, num_envs))
-    spawn = jax.vmap(lambda draw: combat.spawn(draw, absent_defender))
 
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
         noise, draw = random
         observation = jax.vmap(combat.observe)(env)
-        action, log_prob = act(learn, learners, observation, noise)
+        action, log_prob = act(learn, policies, observation, noise)
         after, output = jax.vmap(combat.step)(env, action)
         done = output.terminated | output.truncated
         following = jax.tree.map(
-            lambda new, old: jnp.where(done.reshape(-1, *[1] * (new.ndim - 1)), new, old), spawn(draw), after
+            lambda new, old: jnp.where(done.reshape(-1, *[1] * (new.ndim - 1)), new, old),
+            jax.vmap(combat.spawn)(draw),
+            after,
         )
         return following, _transition(observation, action, log_prob, output, after)
 
     return jax.lax.scan(fly, env, (noise, draws))
 
 
-def act(learn: LearnConfig, learners: Learner, observation: jax.Array, noise: jax.Array) -> tuple[jax.Array, jax.Array]:
+def act(
+    learn: LearnConfig, policies: Policies, observation: jax.Array, noise: jax.Array
+) -> tuple[jax.Array, jax.Array]:
     """Draw both agents' actions [N, A, 4] and their log-probabilities [N, A].
 
     `observation` [N, A, 35], `noise` [N, A, 4] standard normal. The log-probability is that of the
     unclipped Gaussian action, unless `clip_actions` (with which nothing is learnt: docs/fidelity.md).
     """
     actions, log_probs = [], []
-    for agent in range(NUM_AGENTS):  # unrolled: two plain products beat one batched product on a CPU
-        learner = select(learners, agent)
-        mean = policy_mean(learn, learner, observation[:, agent])
-        log_std = bounded_log_std(learner.parameters, learn)
+    for agent, policy in enumerate(policies):  # unrolled: two plain products beat one batched product on a CPU
+        mean = policy_mean(learn, policy, observation[:, agent])
+        log_std = jnp.clip(policy.log_std, learn.min_log_std, learn.max_log_std)
         action = mean + jnp.exp(log_std) * noise[:, agent]
         if learn.clip_actions:
             action = jnp.clip(action, -1.0, 1.0)
@@ -63,14 +67,21 @@ def act(learn: LearnConfig, learners: Learner, observation: jax.Array, noise: ja
     return jnp.stack(actions, axis=1), jnp.stack(log_probs, axis=1)
 
 
-def policy_mean(learn: LearnConfig, learner: Learner, observation: jax.Array) -> jax.Array:
-    """Mean action [..., 4] for raw observations [..., 35]."""
-    return forward(learner.parameters.policy, scaled(learn, learner, observation))
+def policy_mean(learn: LearnConfig, policy: Policy, observation: jax.Array) -> jax.Array:
+    """Mean action [..., 4] for raw observations [..., 35]; a policy with leaves [N, ...] flies observations [N, 35]."""
+    if policy.log_std.ndim > 1:
+        return jax.vmap(lambda one, seen: policy_mean(learn, one, seen))(policy, observation)
+    return forward(policy.network, scaled(learn, policy.observation_scaler, observation))
 
 
-def scaled(learn: LearnConfig, learner: Learner, observation: jax.Array) -> jax.Array:
+def scaled(learn: LearnConfig, scaler: Scaler, observation: jax.Array) -> jax.Array:
     """The observation as the networks see it."""
-    return normalize(learner.observation_scaler, observation) if learn.normalize_observations else observation
+    return normalize(scaler, observation) if learn.normalize_observations else observation
+
+
+def policy_of(learner: Learner) -> Policy:
+    """What flies, out of what learns; any leading axes."""
+    return Policy(learner.parameters.policy, learner.parameters.log_std, learner.observation_scaler)
 
 
 def select(learners: Learner, agent: int) -> Learner:

@@ -9,12 +9,12 @@ import jax
 import numpy as np
 
 from dronecombat_jax import settings
-from dronecombat_jax.arena.match import fight, policy_of, policy_pilot, start_fights
+from dronecombat_jax.arena.match import fight, policy_pilot, start_fights
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_DATA, UserError
-from dronecombat_jax.learn.rollout import select
+from dronecombat_jax.learn.rollout import policy_of, select
 from dronecombat_jax.runs import checkpoint
 from dronecombat_jax.runs.atomic import write_atomic
 from dronecombat_jax.runs.records import ENDINGS

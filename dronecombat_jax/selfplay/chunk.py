@@ -14,9 +14,21 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config import Config
-from dronecombat_jax.learn.ippo import IterationKeys, init_learner, iterate
-from dronecombat_jax.types import NUM_AGENTS, EnvState, IterationMetrics, TrainState
+from dronecombat_jax.learn.ippo import init_learner, learn_from
+from dronecombat_jax.learn.rollout import Policies, collect
+from dronecombat_jax.selfplay.pool import NOBODY, choose, count_wins, init_selfplay, lose_live, players, save_players
+from dronecombat_jax.types import (
+    NUM_AGENTS,
+    Cause,
+    EnvState,
+    IterationMetrics,
+    SelfPlay,
+    TrainState,
+    Transition,
+    UpdateMetrics,
+)
 
 
 class Purpose(IntEnum):
@@ -28,6 +40,7 @@ class Purpose(IntEnum):
     NOISE = 3
     SPAWN = 4
     SHUFFLE = 5
+    OPPONENT = 6
 
 
 def init_state(combat: Combat) -> TrainState:
@@ -38,11 +51,13 @@ def init_state(combat: Combat) -> TrainState:
     def init_seed(seed: jax.Array) -> TrainState:
         keys = jax.random.split(_key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS), NUM_AGENTS)
         learner = lambda key: init_learner(key, combat.config.learn)
+        learners = jax.vmap(learner)(keys)
         return TrainState(
-            learners=jax.vmap(learner)(keys),
+            learners=learners,
             env=reset_fights(combat, seed, jnp.zeros((), jnp.int32)),
             seed=seed,
             iteration=jnp.zeros((), jnp.int32),
+            selfplay=init_selfplay(combat.config, learners),
         )
 
     return jax.lax.map(init_seed, seeds)
@@ -68,30 +83,73 @@ def build_advance(combat: Combat, iterations: int) -> Callable[[TrainState], tup
 def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, IterationMetrics]:
     """One iteration of one seed: fly and learn, in the fights under way or, if so set, in new ones at a chunk's start."""
     config = combat.config
-    env = state.env
-    if config.warmup_chunks and config.game.scenario == "duel":
-        # The warm-up is over: the defender, which stood at its start, enters the fights under way.
-        enters = state.iteration == config.warmup_chunks * config.train.chunk_iterations
-        env = env.replace(out=env.out & ~enters)
-    if config.train.reset_at_chunk:
-        starts_chunk = state.iteration % config.train.chunk_iterations == 0
-        env = jax.lax.cond(starts_chunk, lambda: reset_fights(combat, state.seed, state.iteration), lambda: env)
-    alone = attacker_alone(config, state.iteration)
-    learners, env, metrics = iterate(
-        combat,
-        state.learners,
-        env,
-        IterationKeys(*(_key(state.seed, state.iteration, p) for p in (Purpose.NOISE, Purpose.SPAWN, Purpose.SHUFFLE))),
-        learning=jnp.stack([~alone, jnp.ones_like(alone)]),
-        absent_defender=alone,
+    state = begin_chunk(combat, state)
+    noise, spawn, shuffle = (
+        _key(state.seed, state.iteration, p) for p in (Purpose.NOISE, Purpose.SPAWN, Purpose.SHUFFLE)
     )
-    return state.replace(learners=learners, env=env, iteration=state.iteration + 1), metrics
+
+    def fly(policies: Policies) -> tuple[EnvState, Transition]:
+        return collect(combat, policies, state.env, noise, spawn)
+
+    env, rollout = _fly_chunk(config, state, fly)
+    learning = jnp.stack([~waits(config, state.iteration), jnp.ones((), bool)])
+    if state.selfplay is not None:
+        learning &= jnp.arange(NUM_AGENTS) != state.selfplay.frozen
+    learners, updates = learn_from(config.learn, state.learners, rollout, shuffle, learning)
+    selfplay = state.selfplay
+    if selfplay is not None:
+        outcomes = jnp.asarray(outcome_table(config.game))[rollout.cause]
+        selfplay = count_wins(selfplay, outcomes, rollout.terminated | rollout.truncated)
+    metrics = summarize(config, rollout, updates, selfplay)
+    return state.replace(learners=learners, env=env, iteration=state.iteration + 1, selfplay=selfplay), metrics
 
 
-def attacker_alone(config: Config, iteration: jax.Array) -> jax.Array:
-    """Whether the defender is absent in this iteration: always in `solo`, else during the warm-up."""
-    warmup = config.warmup_chunks * config.train.chunk_iterations
-    return (iteration < warmup) | (config.game.scenario == "solo")
+def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
+    """At a chunk's start: save both players to the pools, draw who is met and, if so set, start all fights anew."""
+    config = combat.config
+    chunk = state.iteration // config.train.chunk_iterations
+    starts = state.iteration % config.train.chunk_iterations == 0
+
+    def begin(state: TrainState) -> TrainState:
+        env, learners, selfplay = state.env, state.learners, state.selfplay
+        if config.train.reset_at_chunk:
+            env = reset_fights(combat, state.seed, state.iteration)
+        if selfplay is not None:
+            selfplay = save_players(config, selfplay, learners, chunk)
+            selfplay = choose(config, selfplay, chunk, _key(state.seed, state.iteration, Purpose.OPPONENT))
+            if not config.selfplay.restore_live:
+                learners = lose_live(config, learners, selfplay)
+        return state.replace(env=env, learners=learners, selfplay=selfplay)
+
+    if state.selfplay is None and not config.train.reset_at_chunk:
+        return state
+    return jax.lax.cond(starts, begin, lambda state: state, state)
+
+
+def waits(config: Config, iteration: jax.Array) -> jax.Array:
+    """Whether the defender does not learn in this iteration: always in `solo`, else during the attacker's head start."""
+    head_start = config.head_start_chunks * config.train.chunk_iterations
+    return (iteration < head_start) | (config.game.scenario == "solo")
+
+
+def summarize(
+    config: Config, rollout: Transition, learners: UpdateMetrics, selfplay: SelfPlay | None
+) -> IterationMetrics:
+    """Count what happened in a rollout; an absent defender has not crashed."""
+    done = rollout.terminated | rollout.truncated
+    down = rollout.out & ~jnp.asarray([config.game.scenario == "solo", False])
+    causes = jnp.sum(jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * done[..., None], axis=(0, 1))
+    return IterationMetrics(
+        causes=causes,
+        crashes=jnp.sum(down & done[..., None], axis=(0, 1), dtype=jnp.int32),
+        episode_steps=jnp.sum(rollout.clock * done, dtype=jnp.int32),
+        reward_terms=jax.tree.map(lambda term: jnp.mean(term, axis=(0, 1)), rollout.reward_terms),
+        learners=learners,
+        frozen=jnp.asarray(NOBODY, jnp.int32) if selfplay is None else selfplay.frozen,
+        opponent=jnp.asarray(NOBODY, jnp.float32)
+        if selfplay is None
+        else jnp.mean(selfplay.opponent.astype(jnp.float32)),
+    )
 
 
 def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvState:
@@ -99,11 +157,22 @@ def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvSt
     config = combat.config
     num_envs = config.train.num_envs
     draws = combat.draw(_key(seed, iteration, Purpose.RESET), (num_envs,))
-    env = jax.vmap(lambda draw: combat.spawn(draw, attacker_alone(config, iteration)))(draws)
+    env = jax.vmap(combat.spawn)(draws)
     if not config.game.random_clock:
         return env
     key = _key(seed, iteration, Purpose.CLOCK)
     return env.replace(clock=jax.random.randint(key, (num_envs,), 0, config.game.episode_steps, jnp.int32))
+
+
+def _fly_chunk(
+    config: Config, state: TrainState, fly: Callable[[Policies], tuple[EnvState, Transition]]
+) -> tuple[EnvState, Transition]:
+    """Fly with those who play in this chunk; a policy for each environment is costly, so live chunks go without."""
+    policies = players(config, state.learners, state.selfplay)
+    if state.selfplay is None or config.selfplay.scope == "chunk":
+        return fly(policies)
+    live = players(config, state.learners, None)
+    return jax.lax.cond(state.selfplay.frozen == NOBODY, lambda: fly(live), lambda: fly(policies))
 
 
 def _key(seed: jax.Array, iteration: jax.Array, purpose: Purpose) -> jax.Array:

@@ -37,10 +37,11 @@ class Probe:
     def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         return jax.random.uniform(key, (*shape, 1))
 
-    def spawn(self, draws: jax.Array, absent_defender: jax.Array | bool = False) -> EnvState:
+    def spawn(self, draws: jax.Array) -> EnvState:
         x = jnp.where(draws < 0.5, -1.0, 1.0)
-        out = jnp.stack([jnp.asarray(absent_defender), jnp.zeros((), bool)])
-        return EnvState(qpos=x, qvel=jnp.zeros(1), target=jnp.zeros(3), clock=jnp.zeros((), jnp.int32), out=out)
+        return EnvState(
+            qpos=x, qvel=jnp.zeros(1), target=jnp.zeros(3), clock=jnp.zeros((), jnp.int32), out=jnp.zeros(2, bool)
+        )
 
     def observe(self, state: EnvState) -> jax.Array:
         clock = jnp.where(self.task.truncates, 0, state.clock)  # else a final observation was never trained on

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from dronecombat_jax.config import Config, LearnConfig, TrainConfig
-from dronecombat_jax.learn.ippo import IterationKeys, cut, estimate_values, init_learner, iterate
+from dronecombat_jax.learn.ippo import cut, estimate_values, init_learner, learn_from
 from dronecombat_jax.learn.networks import forward
 from dronecombat_jax.learn.normalize import denormalize, init_scaler, update_scaler
-from dronecombat_jax.learn.rollout import policy_mean, scaled, select
+from dronecombat_jax.learn.rollout import collect, policy_mean, policy_of, scaled, select
 from dronecombat_jax.types import ATTACKER, DEFENDER, Batch, Cause, Learner
 
 LEARN = LearnConfig(
@@ -33,11 +33,11 @@ class Result(NamedTuple):
 
     def value(self, agent: int, x: float, clock: int = 0) -> float:
         learner = select(self.learners, agent)
-        normalized = forward(learner.parameters.value, scaled(LEARN, learner, observation(x, clock)))
+        normalized = forward(learner.parameters.value, scaled(LEARN, learner.observation_scaler, observation(x, clock)))
         return float(denormalize(learner.value_scaler, normalized)[0])
 
     def action(self, agent: int, x: float) -> float:
-        return float(policy_mean(LEARN, select(self.learners, agent), observation(x))[0])
+        return float(policy_mean(LEARN, policy_of(select(self.learners, agent)), observation(x))[0])
 
 
 def observation(x: float, clock: int = 0) -> jax.Array:
@@ -54,9 +54,11 @@ def learn(make_probe, make_task):
         env = jax.vmap(probe.spawn)(probe.draw(jax.random.fold_in(key, ITERATIONS), (CONFIG.train.num_envs,)))
 
         def one(carry, i):
-            keys = IterationKeys(*jax.random.split(jax.random.fold_in(key, i), 3))
+            noise, spawn, shuffle = jax.random.split(jax.random.fold_in(key, i), 3)
             learners, env = carry
-            learners, env, metrics = iterate(probe, learners, env, keys, learning, False)
+            flying = policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
+            env, rollout = collect(probe, flying, env, noise, spawn)
+            learners, metrics = learn_from(CONFIG.learn, learners, rollout, shuffle, learning)
             return (learners, env), metrics
 
         (learners, _), metrics = jax.lax.scan(one, (learners, env), jnp.arange(ITERATIONS))
@@ -90,7 +92,7 @@ def test_reward_that_depends_on_the_observation(learn):
     for x in (-1.0, 1.0):
         assert result.value(DEFENDER, x) == pytest.approx(x, abs=0.1)
         assert result.value(ATTACKER, x) == pytest.approx(5.0 - 2.0 * x, abs=0.2)
-    assert np.all(result.metrics.learners.explained_variance[-1] > 0.9)
+    assert np.all(result.metrics.explained_variance[-1] > 0.9)
 
 
 def test_reward_that_comes_later_is_discounted(learn):
@@ -153,7 +155,7 @@ def test_a_reward_that_is_not_finite_costs_the_update_and_nothing_else(learn, re
     for name in ("parameters", "optimizer", "learning_rate"):  # no divergence: the rate must not climb either
         assert_same_bits(getattr(broken, name), getattr(select(start, DEFENDER), name))
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(result.learners))
-    skipped = result.metrics.learners.skipped
+    skipped = result.metrics.skipped
     assert skipped[:, DEFENDER].tolist() == [LEARN.epochs * LEARN.minibatches] * ITERATIONS
     assert not np.any(skipped[:, ATTACKER])
     assert_same_bits(select(result.learners, ATTACKER), select(learn(effort=1.0, constant=1.0).learners, ATTACKER))
@@ -169,7 +171,7 @@ def test_what_an_iteration_reports(learn):
     assert causes.sum() == causes[:, Cause.REACHED].sum()
     assert np.array_equal(result.metrics.episode_steps, 3 * causes.sum(1))
     np.testing.assert_allclose(result.metrics.reward_terms.approach, [[1.0, -3.0]] * ITERATIONS, rtol=1e-6)
-    learning_rate = np.asarray(result.metrics.learners.learning_rate)
+    learning_rate = np.asarray(result.metrics.learning_rate)
     assert np.all(learning_rate[:, DEFENDER] > 0) and result.learners.learning_rate[DEFENDER] == learning_rate[-1, 0]
 
 

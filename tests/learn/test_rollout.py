@@ -11,11 +11,15 @@ from scipy import stats
 from dronecombat_jax.config import Config, LearnConfig
 from dronecombat_jax.learn.ippo import init_learner
 from dronecombat_jax.learn.networks import bounded_log_std, gaussian_log_prob
-from dronecombat_jax.learn.rollout import act, collect, policy_mean, select
+from dronecombat_jax.learn.rollout import act, collect, policy_mean, policy_of, select
 from dronecombat_jax.types import Cause, Scaler
 
 LEARN = LearnConfig(hidden_sizes=(8,), rollout_steps=7)
 NUM_ENVS = 5
+
+
+def flying(learners):
+    return policy_of(select(learners, 0)), policy_of(select(learners, 1))
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +35,7 @@ def flown(make_probe, make_task, learners):
     probe = make_probe(Config(learn=LEARN), make_task(length=3, constant=(1.0, 2.0)))
     start = jax.vmap(probe.spawn)(probe.draw(jax.random.key(1), (NUM_ENVS,)))
     start = start.replace(clock=jnp.arange(NUM_ENVS, dtype=jnp.int32) % 3)
-    return start, *jax.jit(lambda: collect(probe, learners, start, jax.random.key(2), jax.random.key(3)))()
+    return start, *jax.jit(lambda: collect(probe, flying(learners), start, jax.random.key(2), jax.random.key(3)))()
 
 
 def test_a_fight_that_ends_is_replaced_and_its_final_observation_is_kept(flown):
@@ -54,11 +58,11 @@ def test_actions_are_unclipped_and_their_log_probability_is_that_of_the_gaussian
     _, _, rollout = flown
     std = np.exp([-1.0, 0.0, 0.5, 2.0])
     for agent in range(2):
-        mean = policy_mean(LEARN, select(learners, agent), rollout.observation[:, :, agent])
+        mean = policy_mean(LEARN, flying(learners)[agent], rollout.observation[:, :, agent])
         expected = stats.norm.logpdf(rollout.action[:, :, agent], mean, std).sum(-1)
         np.testing.assert_allclose(rollout.log_prob[:, :, agent], expected, rtol=1e-4)
     assert np.abs(rollout.action).max() > 2.0
-    noise = (rollout.action[:, :, 0] - policy_mean(LEARN, select(learners, 0), rollout.observation[:, :, 0])) / std
+    noise = (rollout.action[:, :, 0] - policy_mean(LEARN, flying(learners)[0], rollout.observation[:, :, 0])) / std
     assert len(np.unique(np.round(noise, 5))) == noise.size and np.std(noise) == pytest.approx(1.0, abs=0.25)
 
 
@@ -67,7 +71,7 @@ def test_recomputed_log_probabilities_have_ratio_one(flown, learners):
     _, _, rollout = flown
     for agent in range(2):
         learner = select(learners, agent)
-        mean = policy_mean(LEARN, learner, rollout.observation[:, :, agent])
+        mean = policy_mean(LEARN, policy_of(learner), rollout.observation[:, :, agent])
         again = gaussian_log_prob(rollout.action[:, :, agent], mean, bounded_log_std(learner.parameters, LEARN))
         np.testing.assert_allclose(again, rollout.log_prob[:, :, agent], rtol=1e-6, atol=1e-6)
 
@@ -76,9 +80,9 @@ def test_the_authors_setting_clips_the_action_and_takes_its_log_probability(lear
     learn = replace(LEARN, clip_actions=True)
     observation = jax.random.normal(jax.random.key(4), (NUM_ENVS, 2, 35))
     noise = 3.0 * jax.random.normal(jax.random.key(5), (NUM_ENVS, 2, 4))
-    action, log_prob = act(learn, learners, observation, noise)
+    action, log_prob = act(learn, flying(learners), observation, noise)
     assert np.abs(action).max() == 1.0
-    mean = policy_mean(learn, select(learners, 1), observation[:, 1])
+    mean = policy_mean(learn, flying(learners)[1], observation[:, 1])
     expected = stats.norm.logpdf(action[:, 1], mean, np.exp([-1.0, 0.0, 0.5, 2.0])).sum(-1)
     np.testing.assert_allclose(log_prob[:, 1], expected, rtol=1e-4)
 
@@ -86,5 +90,5 @@ def test_the_authors_setting_clips_the_action_and_takes_its_log_probability(lear
 def test_each_agent_scales_with_its_own_statistics(learners):
     observation = jax.random.normal(jax.random.key(6), (35,))
     plain = replace(LEARN, normalize_observations=False)
-    by_hand = policy_mean(plain, select(learners, 0), (observation - 0.25) / 2.0)
-    np.testing.assert_allclose(policy_mean(LEARN, select(learners, 0), observation), by_hand, rtol=1e-5, atol=1e-6)
+    by_hand = policy_mean(plain, flying(learners)[0], (observation - 0.25) / 2.0)
+    np.testing.assert_allclose(policy_mean(LEARN, flying(learners)[0], observation), by_hand, rtol=1e-5, atol=1e-6)

@@ -1,7 +1,6 @@
 """The training program at toy size: one compilation, one meaning for every way of cutting the same run.
 
-The drones coast here instead of being stepped by MJX, and the programs are compiled without optimisation:
-both take most of the time of compiling, and neither is what is tested. The slow test does without either.
+The slow test does it with MJX and full optimisation.
 """
 
 from dataclasses import replace
@@ -12,61 +11,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from toy import CHUNK, CONFIG, agent, assert_same_bits, build, differs
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import Config, GameConfig, LearnConfig, TrainConfig
-from dronecombat_jax.selfplay import chunk
-from dronecombat_jax.selfplay.chunk import attacker_alone, build_advance, init_state, reset_fights
+from dronecombat_jax.config import Config, LearnConfig
+from dronecombat_jax.selfplay.chunk import begin_chunk, build_advance, init_state, reset_fights, waits
 from dronecombat_jax.types import ATTACKER, DEFENDER, TrainState
 
-UNOPTIMISED = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
-CHUNK = 2  # iterations
-CONFIG = Config(
-    game=GameConfig(episode_steps=20),
-    learn=LearnConfig(hidden_sizes=(8, 8), rollout_steps=6, epochs=2, minibatches=2, minibatch_order="shuffled"),
-    # One chunk of warm-up, in which the attacker flies alone.
-    train=TrainConfig(num_envs=8, chunk_iterations=CHUNK, solo_warmup_steps=90, total_steps=400, seed=4),
-)
 TWO_SEEDS = replace(CONFIG, train=replace(CONFIG.train, seed=3, num_seeds=2))
-
-
-class Coasting(Combat):
-    """The game without physics: each action pushes its drone, which a light gravity pulls down."""
-
-    def __init__(self, config: Config):
-        super().__init__(config)
-        self._fly = self._coast
-
-    def _coast(self, qpos: jax.Array, qvel: jax.Array, action: jax.Array) -> tuple[jax.Array, jax.Array]:
-        push = jnp.concatenate([action[:, 1:], action[:, 1:]], axis=1).at[:, 2].set(action[:, 0] - 0.5)
-        qvel = qvel + push.reshape(-1)
-        position = qpos.reshape(2, 7).at[:, :3].add(0.05 * qvel.reshape(2, 6)[:, :3])
-        return position.reshape(-1), qvel
-
-
-def build(config: Config, iterations: int) -> SimpleNamespace:
-    """The program, how often it was traced, and the state it starts from."""
-    combat, traces = Coasting(config), []
-    advance = build_advance(combat, iterations)
-
-    def counted(state: TrainState):
-        traces.append(1)
-        return advance(state)
-
-    program = jax.jit(counted, compiler_options=UNOPTIMISED)
-    start = jax.jit(lambda: init_state(combat), compiler_options=UNOPTIMISED)
-    with jax.debug_key_reuse(True):
-        return SimpleNamespace(run=_checked(program), start=start(), traces=traces, combat=combat, advance=advance)
-
-
-def _checked(program):
-    """Every call under the check that no random key is used twice."""
-
-    def run(state: TrainState):
-        with jax.debug_key_reuse(True):
-            return program(state)
-
-    return run
 
 
 @pytest.fixture(scope="module")
@@ -79,20 +31,6 @@ def single() -> SimpleNamespace:
         states.append(state)
         reports.append(report)
     return SimpleNamespace(**vars(program), states=states, reports=reports)
-
-
-def assert_same_bits(a, b) -> None:
-    for (path, x), y in zip(jax.tree_util.tree_leaves_with_path(a), jax.tree.leaves(b), strict=True):
-        assert np.asarray(x).tobytes() == np.asarray(y).tobytes(), jax.tree_util.keystr(path)
-
-
-def differs(a, b) -> bool:
-    pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
-    return any(np.asarray(x).tobytes() != np.asarray(y).tobytes() for x, y in pairs)
-
-
-def agent(state: TrainState, index: int):
-    return jax.tree.map(lambda leaf: leaf[:, index], state.learners)
 
 
 def numpy_copy(state: TrainState) -> TrainState:
@@ -167,13 +105,12 @@ def test_every_leaf_matters_to_the_run(single):
 
 
 @pytest.fixture
-def only_fights(monkeypatch):
-    """The fights in which each iteration flies, without flying: iterating is replaced, so that this compiles at once."""
-    monkeypatch.setattr(chunk, "iterate", lambda combat, learners, env, *_, **__: (learners, env, ()))
+def only_fights():
+    """The fights in which an iteration flies, without flying them."""
 
     def flown_in(config: Config, state: TrainState, iteration: int):
         one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[0], state).replace(iteration=jnp.int32(iteration))
-        return jax.jit(lambda state: chunk.advance_iteration(Combat(config), state)[0].env)(one)
+        return jax.jit(lambda state: begin_chunk(Combat(config), state).env)(one)
 
     return flown_in
 
@@ -193,15 +130,6 @@ def test_fights_can_be_set_to_start_anew_with_a_chunk(single, only_fights):
     assert_same_bits(only_fights(config, state, CHUNK + 1), jax.tree.map(lambda leaf: leaf[0], state.env))
 
 
-def test_after_the_warm_up_the_defender_enters_the_fights_under_way(single, only_fights):
-    warm = single.states[CHUNK]
-    assert np.all(warm.env.out[..., DEFENDER])
-    fights = only_fights(CONFIG, warm, CHUNK)
-    assert not np.any(fights.out)
-    under_way = jax.tree.map(lambda leaf: leaf[0], warm.env)
-    assert_same_bits(fights.replace(out=under_way.out), under_way)  # nothing else has changed
-
-
 def test_clocks_are_drawn_where_all_fights_start_at_once():
     many = replace(CONFIG, train=replace(CONFIG.train, num_envs=2000))
     seed, iteration = jnp.uint32(4), jnp.int32(CHUNK)
@@ -215,22 +143,21 @@ def test_clocks_are_drawn_where_all_fights_start_at_once():
     assert not np.any(clocks(replace(many, game=replace(many.game, random_clock=False)), iteration))
 
 
-def test_in_the_warm_up_only_the_attacker_learns_and_then_both_do(single):
-    start, first, warm, duel = single.states[0], single.states[1], single.states[CHUNK], single.states[CHUNK + 1]
-    assert_same_bits(agent(warm, DEFENDER), agent(start, DEFENDER))
+def test_in_the_head_start_only_the_attacker_learns_and_then_both_do(single):
+    start, first, ahead, duel = single.states[0], single.states[1], single.states[CHUNK], single.states[CHUNK + 1]
+    assert_same_bits(agent(ahead, DEFENDER), agent(start, DEFENDER))
     assert differs(agent(first, ATTACKER).parameters, agent(start, ATTACKER).parameters)
-    assert np.all(warm.env.out[..., DEFENDER]) and not np.any(single.reports[0].crashes[..., DEFENDER])
+    assert np.any(ahead.env.qvel[..., :6] != 0.0)  # the defender is there, and flies as it always did
     for role in (DEFENDER, ATTACKER):
-        assert differs(agent(duel, role).parameters, agent(warm, role).parameters)
+        assert differs(agent(duel, role).parameters, agent(ahead, role).parameters)
 
 
-def test_who_is_alone_when():
-    alone = [bool(attacker_alone(CONFIG, jnp.int32(i))) for i in range(5)]
-    assert alone == [True, True, False, False, False]
+def test_when_the_defender_waits():
+    assert [bool(waits(CONFIG, jnp.int32(i))) for i in range(5)] == [True, True, False, False, False]
     solo = replace(CONFIG, game=replace(CONFIG.game, scenario="solo"))
-    assert all(bool(attacker_alone(solo, jnp.int32(i))) for i in (0, 2, 1000))
-    never = replace(CONFIG, train=replace(CONFIG.train, solo_warmup_steps=0))
-    assert not any(bool(attacker_alone(never, jnp.int32(i))) for i in (0, 2))
+    assert all(bool(waits(solo, jnp.int32(i))) for i in (0, 2, 1000))
+    never = replace(CONFIG, train=replace(CONFIG.train, head_start_steps=0))
+    assert not any(bool(waits(never, jnp.int32(i))) for i in (0, 2))
 
 
 def test_no_two_iterations_purposes_or_seeds_share_random_numbers(single):

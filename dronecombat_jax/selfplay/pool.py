@@ -1,0 +1,171 @@
+"""The pool of past players: saving them, drawing from them, playing them, counting wins against them.
+
+Everything is arrays in the jitted program. A chunk is either live, and both agents learn, or frozen: one
+role is then played by its past, and only the other learns. What does not live here: the weights by which
+past players are drawn (`samplers`) and the order of events in a chunk (`chunk`).
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.config import Config, SelfPlayConfig
+from dronecombat_jax.learn.rollout import Policies, policy_of, select
+from dronecombat_jax.selfplay.samplers import SAMPLERS, Members
+from dronecombat_jax.types import (
+    ATTACKER,
+    DEFENDER,
+    NUM_AGENTS,
+    Learner,
+    Outcome,
+    Policy,
+    Pool,
+    SelfPlay,
+)
+
+NOBODY = -1
+
+
+def past_roles(selfplay: SelfPlayConfig) -> tuple[int, ...]:
+    """The roles whose past is played: the opponents of those who meet it."""
+    return {"defender": (ATTACKER,), "attacker": (DEFENDER,), "both": (DEFENDER, ATTACKER)}[selfplay.roles]
+
+
+def init_selfplay(config: Config, learners: Learner) -> SelfPlay | None:
+    """Empty pools with a slot for every chunk; None where no past player is ever met. `learners` leaves [A, ...]."""
+    if config.selfplay.probability == 0.0:
+        return None
+    slots = config.num_chunks
+
+    def empty(role: int) -> Pool | None:
+        if role not in past_roles(config.selfplay):
+            return None
+        policies = jax.tree.map(
+            lambda leaf: jnp.zeros((slots, *leaf.shape), leaf.dtype), policy_of(select(learners, role))
+        )
+        return Pool(policies, wins=jnp.zeros(slots), games=jnp.zeros(slots))
+
+    nobody = jnp.asarray(NOBODY, jnp.int32)
+    opponent = jnp.full(config.train.num_envs, NOBODY, jnp.int32)
+    return SelfPlay(pools=(empty(DEFENDER), empty(ATTACKER)), frozen=nobody, opponent=opponent)
+
+
+def save_players(config: Config, state: SelfPlay, learners: Learner, slot: jax.Array) -> SelfPlay:
+    """Save the live players, `learners` leaves [A, ...], in slot `slot` []; the records of wins fade.
+
+    They were won by a learner that has moved on since.
+    """
+    pools = []
+    for role, pool in enumerate(state.pools):
+        if pool is not None:
+            put = lambda leaf, new: jax.lax.dynamic_update_index_in_dim(leaf, new, slot, axis=0)
+            memory = config.selfplay.memory
+            policies = jax.tree.map(put, pool.policies, policy_of(select(learners, role)))
+            pool = Pool(policies, wins=memory * pool.wins, games=memory * pool.games)
+        pools.append(pool)
+    return state.replace(pools=tuple(pools))
+
+
+def member(pool: Pool, slots: jax.Array) -> Policy:
+    """The past player in each of `slots` [...]; leaves [..., ...]."""
+    return jax.tree.map(lambda leaf: leaf[slots], pool.policies)
+
+
+def win_rates(pool: Pool) -> jax.Array:
+    """[K] share of wins of the live learner against each member, shrunk towards 1/2 (Laplace's rule)."""
+    return (pool.wins + 1.0) / (pool.games + 2.0)
+
+
+def draw(selfplay: SelfPlayConfig, pool: Pool, filled: jax.Array, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    """Slots [*shape] int32 of past players, by the sampler's weights; a slot that is not filled is never drawn.
+
+    Where all weights are 0 (nobody is worth meeting), every member is as good.
+    """
+    slot = jnp.arange(pool.games.shape[0], dtype=jnp.int32)
+    weights = SAMPLERS[selfplay.sampler](Members(slot, filled, win_rates(pool)), selfplay)
+    weights = jnp.where(slot < filled, weights, 0.0)
+    weights = jnp.where(jnp.any(weights > 0.0), weights, (slot < filled).astype(jnp.float32))
+    return jax.random.categorical(key, jnp.log(weights), shape=shape).astype(jnp.int32)
+
+
+def choose(config: Config, state: SelfPlay, chunk: jax.Array, key: jax.Array) -> SelfPlay:
+    """Draw who is met in chunk `chunk` [] int32; the pools must hold the players of this chunk's start.
+
+    With probability p the chunk is frozen; never the first one, nor any of the attacker's head start.
+    """
+    selfplay = config.selfplay
+    coin, lot, *keys = jax.random.split(key, 2 + NUM_AGENTS)
+    roles = past_roles(selfplay)
+    role = jnp.asarray(roles, jnp.int32)[jax.random.randint(lot, (), 0, len(roles))]
+    frozen = (jax.random.uniform(coin) < selfplay.probability) & (chunk > 0) & (chunk >= config.head_start_chunks)
+    num_envs = state.opponent.shape[0]
+    shape = () if selfplay.scope == "chunk" else (num_envs,)
+    opponent = jnp.full(num_envs, NOBODY, jnp.int32)
+    for past in roles:
+        pool = state.pools[past]
+        assert pool is not None
+        slots = jnp.broadcast_to(draw(selfplay, pool, chunk + 1, keys[past], shape), (num_envs,))
+        opponent = jnp.where(frozen & (role == past), slots, opponent)
+    return state.replace(frozen=jnp.where(frozen, role, NOBODY), opponent=opponent)
+
+
+def players(config: Config, learners: Learner, state: SelfPlay | None) -> Policies:
+    """Who flies: the live policies, but for the frozen role a past one.
+
+    A past policy's leaves are [...] where one is met by all, and [N, ...] with scope "environment".
+    """
+    live = policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
+    if state is None:
+        return live
+    flying = list(live)
+    for role in past_roles(config.selfplay):
+        pool = state.pools[role]
+        assert pool is not None
+        slots = state.opponent[0] if config.selfplay.scope == "chunk" else state.opponent
+        past = member(pool, jnp.maximum(slots, 0))  # nobody: any slot will do, it is not played
+        flying[role] = jax.tree.map(partial(jnp.where, state.frozen == role), past, live[role])
+    return flying[DEFENDER], flying[ATTACKER]
+
+
+def lose_live(config: Config, learners: Learner, state: SelfPlay) -> Learner:
+    """`learners` after the authors' slip: in a frozen chunk the past player takes the live one's place for good.
+
+    Its policy and observation scaler do, that is; critic, optimiser and rates stay the live one's.
+    """
+    policies = players(config, learners, state)
+    network, log_std, scaler = (
+        jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
+        for parts in zip(*((p.network, p.log_std, p.observation_scaler) for p in policies), strict=True)
+    )
+    return learners.replace(
+        parameters=learners.parameters.replace(policy=network, log_std=log_std), observation_scaler=scaler
+    )
+
+
+def count_wins(state: SelfPlay, outcomes: jax.Array, done: jax.Array) -> SelfPlay:
+    """Enter the fights that ended, `done` [T, N], with `outcomes` [T, N] (`Outcome`), into the records."""
+    pools = []
+    for past, pool in enumerate(state.pools):
+        if pool is None:
+            pools.append(None)
+            continue
+        lost = Outcome.DEFENDER if past == ATTACKER else Outcome.ATTACKER  # the live player's win
+        score = jnp.where(outcomes == lost, 1.0, jnp.where(outcomes == Outcome.DRAW, 0.5, 0.0))
+        played = done & (state.frozen == past)
+        member = jnp.maximum(state.opponent, 0)
+        add = lambda record, counts: record.at[member].add(jnp.sum(counts, axis=0))  # noqa: B023 - used at once
+        pools.append(
+            pool.replace(wins=add(pool.wins, score * played), games=add(pool.games, played.astype(jnp.float32)))
+        )
+    return state.replace(pools=tuple(pools))
+
+
+def resize(state: SelfPlay, slots: int) -> SelfPlay:
+    """The same with pools of `slots` slots, empty ones added or dropped: a run may be made longer. Leaves [S, ...]."""
+
+    def fit(leaf: jax.Array) -> jax.Array:
+        missing = slots - leaf.shape[1]
+        return jnp.pad(leaf, [(0, 0), (0, max(missing, 0)), *[(0, 0)] * (leaf.ndim - 2)])[:, :slots]
+
+    return state.replace(pools=tuple(jax.tree.map(fit, pool) for pool in state.pools))

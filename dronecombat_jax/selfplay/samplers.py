@@ -1,0 +1,60 @@
+"""Which past opponent to meet: one small pure function for each sampler.
+
+A sampler gives every member of the pool a weight; the pool draws in proportion to it (`pool.draw`).
+To add one, write a function here, name it in `SAMPLERS` and among the choices of
+`config.SelfPlayConfig.sampler`.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.config import SelfPlayConfig
+
+
+class Members(NamedTuple):
+    """What a sampler sees of a pool of K slots."""
+
+    slot: jax.Array  # [K] int32: 0, 1, ..., K - 1; the untrained player is slot 0
+    filled: jax.Array  # [] int32, slots in use: the newest member is slot filled - 1
+    win_rate: jax.Array  # [K] x, the live learner's share of wins against each member; 1/2 where they never met
+
+
+Sampler = Callable[[Members, SelfPlayConfig], jax.Array]
+
+
+def uniform(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
+    """Every past player alike: fictitious self-play (the paper; Heinrich, Lanctot and Silver 2015)."""
+    return jnp.ones_like(members.win_rate)
+
+
+def latest(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
+    """The newest past player alone: naive self-play against an opponent that stands still for a chunk."""
+    return (members.slot == members.filled - 1).astype(jnp.float32)
+
+
+def delta_uniform(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
+    """Alike among the newest share `delta` of the pool (Bansal et al. 2018, section 4.2; their delta is 1 - ours)."""
+    oldest = jnp.floor((1.0 - selfplay.delta) * members.filled.astype(jnp.float32))
+    return (members.slot >= jnp.minimum(oldest, members.filled - 1)).astype(jnp.float32)
+
+
+def pfsp_hard(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
+    """(1 - x)^k: those who beat the learner (Vinyals et al. 2019, prioritised fictitious self-play)."""
+    return (1.0 - members.win_rate) ** selfplay.pfsp_power
+
+
+def pfsp_variance(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
+    """x (1 - x): those about as strong as the learner (Vinyals et al. 2019, supplement)."""
+    return members.win_rate * (1.0 - members.win_rate)
+
+
+SAMPLERS: dict[str, Sampler] = {
+    "uniform": uniform,
+    "latest": latest,
+    "delta_uniform": delta_uniform,
+    "pfsp_hard": pfsp_hard,
+    "pfsp_variance": pfsp_variance,
+}

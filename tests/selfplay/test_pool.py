@@ -190,15 +190,22 @@ def test_the_authors_slip_loses_the_live_attacker(toy):
     assert_same_bits(select(lost, ATTACKER).optimizer, select(toy.live, ATTACKER).optimizer)
 
 
+def record_of(state: SelfPlay, role: int) -> tuple[list[float], list[float]]:
+    """Wins and games against each member."""
+    pool = state.pools[role]
+    assert pool is not None
+    return pool.wins.tolist(), pool.games.tolist()
+
+
 def test_wins_are_counted_by_the_member_met_and_draws_half(toy):
     outcomes = jnp.asarray([[Outcome.DEFENDER, Outcome.ATTACKER, Outcome.DRAW, 0, 0, 0]] * 2)
     done = jnp.asarray([[True] * 3 + [False] * 3, [True] + [False] * 5])
     state = count_wins(frozen(toy.state, ATTACKER, [0, 1, 1, 2, 3, 4]), outcomes, done)
-    assert state.pools[ATTACKER].wins.tolist() == [2.0, 0.5, 0.0, 0.0, 0.0]  # the live defender won twice
-    assert state.pools[ATTACKER].games.tolist() == [2.0, 2.0, 0.0, 0.0, 0.0]
-    assert not np.any(state.pools[DEFENDER].games)
+    # The live defender won twice against member 0, and drew once against member 1.
+    assert record_of(state, ATTACKER) == ([2.0, 0.5, 0.0, 0.0, 0.0], [2.0, 2.0, 0.0, 0.0, 0.0])
+    assert record_of(state, DEFENDER) == ([0.0] * 5, [0.0] * 5)
     other = count_wins(frozen(toy.state, DEFENDER, [0, 1, 1, 2, 3, 4]), outcomes, done)
-    assert other.pools[DEFENDER].wins.tolist() == [0.0, 1.5, 0.0, 0.0, 0.0]
+    assert record_of(other, DEFENDER)[0] == [0.0, 1.5, 0.0, 0.0, 0.0]
     live = count_wins(frozen(toy.state, NOBODY, [NOBODY] * 6), outcomes, done)
     assert_same_bits(live.pools, toy.state.pools)
 

@@ -1,6 +1,7 @@
 """The samplers' weights, worked by hand, and what is drawn with them."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
+from typing import get_args, get_type_hints
 
 import jax
 import jax.numpy as jnp
@@ -41,8 +42,7 @@ def test_delta_reaches_from_the_newest_alone_to_the_whole_pool(delta, expected):
 
 
 def test_every_choice_of_the_setting_is_a_sampler_and_back():
-    field = next(f for f in fields(SelfPlayConfig) if f.name == "sampler")
-    assert set(SAMPLERS) == set(field.type.__args__)
+    assert set(SAMPLERS) == set(get_args(get_type_hints(SelfPlayConfig)["sampler"]))
 
 
 def pool(games: float = 0.0, wins=None) -> Pool:

@@ -8,13 +8,16 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo test test-slow check format bench clean
+.PHONY: help train-ippo train-sippo test test-slow check format bench clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 train-ippo: $(VENV)/.runtime ## train attacker and defender with IPPO (ARGS="--train.seed 1" adds flags)
-	$(BIN)/dronecombat train --preset laptop --name ippo $(ARGS)
+	$(BIN)/dronecombat train --preset duel --name ippo $(ARGS)
+
+train-sippo: $(VENV)/.runtime ## the same with self-play: the defender also meets past attackers
+	$(BIN)/dronecombat train --preset duel --selfplay.probability 0.2 --name sippo $(ARGS)
 
 test: $(VENV)/.dev ## the fast tests
 	$(BIN)/python -m pytest $(ARGS)

@@ -17,7 +17,7 @@ from dronecombat_jax.config import Config, setting
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.schema import one_line, shown
 
-DEFAULT_PRESET = "laptop"
+DEFAULT_PRESET = "duel"
 SHORT_FLAGS = {
     "run.name": "--name",
     "run.device": "--device",

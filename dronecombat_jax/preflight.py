@@ -31,7 +31,7 @@ class Problem(NamedTuple):
 
 def problems(config: Config) -> list[Problem]:
     """All rules that `config` breaks, on any machine; an empty list where it is sound."""
-    return [*_game(config), *_learning(config), *_run(config)]
+    return [*_game(config), *_learning(config), *_selfplay(config), *_run(config)]
 
 
 def memory_problems(config: Config) -> list[Problem]:
@@ -64,9 +64,17 @@ def estimated_bytes(config: Config) -> int:
     trunk = sum((rows + 1) * columns for rows, columns in pairwise(sizes))
     policy, value = trunk + (sizes[-1] + 2) * ACTION_SIZE, trunk + sizes[-1] + 1
     learners = AGENTS * 3 * (policy + value)
-    pool = policy * (config.num_chunks + 1) if config.selfplay.probability > 0.0 else 0
-    floats = rollout + minibatch + learners + pool
+    floats = rollout + minibatch + learners + _pool_floats(config, policy)
     return train.num_seeds * (4 * floats + PHYSICS_BYTES * train.num_envs)
+
+
+def _pool_floats(config: Config, policy: int) -> int:
+    """Of the past players: every chunk's start, and with scope "environment" one in each environment besides."""
+    selfplay = config.selfplay
+    if selfplay.probability == 0.0:
+        return 0
+    roles = 2 if selfplay.roles == "both" else 1
+    return policy * roles * (config.num_chunks + (config.train.num_envs if selfplay.scope == "environment" else 0))
 
 
 def machine_bytes() -> int | None:
@@ -118,6 +126,15 @@ def _learning(config: Config) -> Iterator[Problem]:
             ("learn.initial_log_std", "learn.min_log_std", "learn.max_log_std"),
             "learn.min_log_std <= learn.initial_log_std <= learn.max_log_std must hold, "
             f"but they are {low:g}, {start:g}, {high:g}",
+        )
+
+
+def _selfplay(config: Config) -> Iterator[Problem]:
+    probability = config.selfplay.probability
+    if probability > 0.0 and config.game.scenario == "solo":
+        yield Problem(
+            ("selfplay.probability", "game.scenario"),
+            f'selfplay.probability = {probability:g} needs game.scenario = "duel": in "solo" nobody learns to meet the attacker',
         )
 
 

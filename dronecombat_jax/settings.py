@@ -27,7 +27,7 @@ _AT_LINE = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
 
 
 class Given(NamedTuple):
-    """A value that somebody wrote, and where: "laptop.toml:3" or the flag "--train.seed"."""
+    """A value that somebody wrote, and where: "duel.toml:3" or the flag "--train.seed"."""
 
     value: Any
     where: str
@@ -143,7 +143,7 @@ def diff(a: Config, b: Config) -> list[tuple[str, Any, Any]]:
 
 
 def run_name(config: Config, preset: str | Path) -> str:
-    """`run.name`, or method-preset where it is empty ("ippo-laptop")."""
+    """`run.name`, or method-preset where it is empty ("ippo-duel")."""
     method = "sippo" if config.selfplay.probability > 0.0 else "ippo"
     stem = re.sub(r"[^A-Za-z0-9._-]+", "-", Path(preset).name.removesuffix(".toml"))
     return config.run.name or f"{method}-{stem}"[:100]

@@ -62,10 +62,10 @@ def refused(capsys, *args: str, code: int = EXIT_CONFIG) -> list[str]:
 # train
 
 
-def test_the_default_preset_is_laptop(rooms):
+def test_the_default_preset_is_duel(rooms):
     config = trained(rooms)
-    assert config.run.name == "ippo-laptop"
-    assert settings.diff(config, settings.load("laptop")) == [("run.name", "ippo-laptop", "")]
+    assert config.run.name == "ippo-duel"
+    assert settings.diff(config, settings.load("duel")) == [("run.name", "ippo-duel", "")]
 
 
 def test_flags_win_over_the_preset(rooms):
@@ -155,7 +155,7 @@ def test_every_setting_has_a_flag():
         ("--learn.learning-rate 0", "--learn.learning-rate 0.0: must be a number above 0, at most 1"),
         ("--game.crash-rule end", "--game.crash-rule end: must be one of ends, out, grounded"),
         ("--device cuda", "--run.device cuda: must be one of auto, cpu, gpu, tpu"),
-        ("--preset laptp", '--preset "laptp": no such preset; did you mean laptop?'),
+        ("--preset duell", '--preset "duell": no such preset; did you mean duel?'),
         ("--preset none.toml", "none.toml: no such file"),
         ("--learn.minibatches 7", "nearest that fit: learn.minibatches 6 or 8, train.num_envs 994 or 1001"),
         ("--train.num-envs 1000000 --train.num-seeds 1024", "of memory, and this machine has"),

@@ -56,7 +56,7 @@ def test_no_preset_is_the_defaults():
 
 
 def test_the_presets_that_come_with_the_package():
-    wanted = {"smoke", "laptop", "colab", "paper", "literal", "authors", "solo"}
+    wanted = {"smoke", "duel", "colab", "paper", "literal", "authors", "solo"}
     assert wanted <= settings.presets().keys()
 
 
@@ -77,11 +77,11 @@ def test_what_the_presets_promise():
     assert not settings.load("literal").reward.time_scaled
     assert settings.load("solo").game.scenario == "solo" and settings.load("solo").train.total_steps == 8_000_000
     assert settings.load("smoke").num_chunks == 3
-    colab, laptop = settings.load("colab"), settings.load("laptop")
-    sizes = [c.steps_per_iteration / c.learn.minibatches for c in (colab, laptop)]
+    colab, duel = settings.load("colab"), settings.load("duel")
+    sizes = [c.steps_per_iteration / c.learn.minibatches for c in (colab, duel)]
     assert sizes[0] == pytest.approx(sizes[1], rel=0.05)
-    assert (colab.game, colab.reward) == (laptop.game, laptop.reward)
-    assert laptop.game.crash_rule == "out" and laptop.train.num_envs * laptop.learn.rollout_steps == 24_000
+    assert (colab.game, colab.reward) == (duel.game, duel.reward)
+    assert duel.game.crash_rule == "out" and duel.train.num_envs * duel.learn.rollout_steps == 24_000
 
 
 def test_presets_of_a_wheel_come_before_those_of_a_folder_beside_it(tmp_path, monkeypatch):
@@ -96,7 +96,7 @@ def test_presets_of_a_wheel_come_before_those_of_a_folder_beside_it(tmp_path, mo
 @pytest.mark.parametrize(
     ("preset", "message"),
     [
-        ("laptp", "did you mean laptop?"),
+        ("duell", "did you mean duel?"),
         ("zzz", "there are: authors, colab, "),
         ("none/such.toml", "none/such.toml: no such file"),
         ("such.toml", "such.toml: no such file"),
@@ -255,7 +255,7 @@ def allowed_values(entry: schema.Setting) -> st.SearchStrategy:
         ("[train.seed]\nseed = 3\n", None, "train.seed = {seed = 3}: must be an integer"),
         ("[train]\nqqqqq = 3\n", 2, "there are: train.total_steps, train.num_envs"),
         ("qqqqq = 3\n", 1, "there are: sim, game, reward, learn, selfplay, train, run"),
-        ('extends = "laptop"\n', 1, "extends"),
+        ('extends = "duel"\n', 1, "extends"),
         ('["train"]\n"num_env" = 3\n', 2, "did you mean train.num_envs?"),
         ('[run]\nname = """\nseed = 1"""\n[train]\nsed = 1', None, "did you mean train.seed?"),
     ],
@@ -401,9 +401,12 @@ def test_the_memory_estimate_grows_with_seeds_and_counts_the_pool_only_in_self_p
     one, two = (settings.load("smoke", {"train.num_seeds": count}) for count in (1, 2))
     assert preflight.estimated_bytes(two) == 2 * preflight.estimated_bytes(one)
     played = settings.load("smoke", {"selfplay.probability": 0.2})
-    # 4 slots (three chunks and the untrained one) of 35-32-32-4 with a log-std per action, four bytes each.
+    # 3 slots (the players as each of three chunks begins, the untrained one first) of 35-32-32-4 with a log-std per action, four bytes each.
     weights = 36 * 32 + 33 * 32 + 33 * 4 + 4
-    assert preflight.estimated_bytes(played) - preflight.estimated_bytes(one) == 4 * 4 * weights
+    assert preflight.estimated_bytes(played) - preflight.estimated_bytes(one) == 4 * 3 * weights
+    spread = settings.load("smoke", {"selfplay.probability": 0.2, "selfplay.scope": "environment"})
+    more = preflight.estimated_bytes(spread) - preflight.estimated_bytes(played)
+    assert more == 4 * weights * spread.train.num_envs  # each environment holds a policy of its own
 
 
 def test_where_the_memory_cannot_be_told_nothing_is_refused(monkeypatch):
@@ -437,10 +440,10 @@ def test_diff_names_what_differs():
 @pytest.mark.parametrize(
     ("preset", "probability", "name", "expected"),
     [
-        ("laptop", 0.0, "", "ippo-laptop"),
-        ("laptop", 0.2, "", "sippo-laptop"),
+        ("duel", 0.0, "", "ippo-duel"),
+        ("duel", 0.2, "", "sippo-duel"),
         ("some where/my preset.toml", 0.0, "", "ippo-my-preset"),
-        ("laptop", 0.0, "mine", "mine"),
+        ("duel", 0.0, "mine", "mine"),
         ("x" * 200, 0.0, "", "ippo-" + "x" * 95),
     ],
 )

@@ -1,0 +1,106 @@
+"""Small multiples of how fights end over training, and a table of the last tenth, one row a run.
+
+    python experiments/learnability.py runs/duel-0 runs/duel-1="no head start" --out docs/learnability.png
+
+A label may follow a run's folder after "=". The table goes to stdout as Markdown; docs/learnability.md shows both.
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from dronecombat_jax.report.figures import OUTCOMES, ROLE_COLOURS
+from dronecombat_jax.runs import metrics
+from dronecombat_jax.types import ROLES
+
+BINS = 80
+COLUMNS = 4
+SHOWN = ("intercept", "attacker_crash", "timeout", "both_crash", "defender_crash", "reached")
+
+
+class Shares(NamedTuple):
+    """How the fights of a run ended, by bins of iterations."""
+
+    label: str
+    steps: np.ndarray  # [K] environment steps at each bin's end, in millions
+    outcomes: np.ndarray  # [len(SHOWN), K] shares of ended fights
+    crashes: np.ndarray  # [2, K] share of ended fights in which that drone had gone down
+
+
+def main() -> None:
+    """Read the flags, print the table, draw the figure."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("runs", nargs="+", help="a run's folder, or folder=label")
+    parser.add_argument("--out", type=Path, help="a PNG to draw into")
+    flags = parser.parse_args()
+    pairs = [word.partition("=") for word in flags.runs]
+    runs = [(Path(folder), label or Path(folder).name) for folder, _, label in pairs]
+    read = [(label, metrics.read(folder / "metrics.jsonl")) for folder, label in runs]
+    print("| run | steps | intercepted | target reached | time-out | defender crashed | attacker crashed | fight |")
+    print("|---|---|---|---|---|---|---|---|")
+    for label, records in read:
+        print(last_tenth(label, records))
+    if flags.out:
+        draw([binned(label, records) for label, records in read], flags.out)
+
+
+def last_tenth(label: str, records: Sequence[dict[str, Any]]) -> str:
+    """One row of the table: shares of the fights that ended in the last tenth of the steps, all seeds together."""
+    end = records[-1]["steps"]
+    late = [record for record in records if record["steps"] > 0.9 * end]
+    names = ("outcome/intercept", "outcome/reached", "outcome/timeout", "crash/defender", "crash/attacker")
+    shares = " | ".join(f"{_mean(late, name):.2f}" for name in names)
+    return f"| {label} | {end / 1e6:.1f} M | {shares} | {_mean(late, 'episode_steps'):.0f} steps |"
+
+
+def binned(label: str, records: Sequence[dict[str, Any]]) -> Shares:
+    """The curves of one run, in `BINS` bins or one for each iteration."""
+    groups = np.array_split(np.arange(len(records)), min(BINS, len(records)))
+    chosen = [[records[i] for i in group] for group in groups]
+    curve = lambda key: [_mean(group, key) for group in chosen]
+    return Shares(
+        label,
+        np.array([group[-1]["steps"] / 1e6 for group in chosen]),
+        np.array([curve(f"outcome/{name}") for name in SHOWN]),
+        np.array([curve(f"crash/{role}") for role in ROLES]),
+    )
+
+
+def draw(runs: Sequence[Shares], path: Path) -> None:
+    """One panel a run: how fights end, stacked; the share of fights in which each drone went down, dashed."""
+    rows = -(-len(runs) // COLUMNS)
+    figure = Figure(figsize=(4.2 * COLUMNS, 2.9 * rows + 0.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, COLUMNS, sharey=True, squeeze=False).ravel()
+    for ax, run in zip(axes, runs, strict=False):
+        colours = [OUTCOMES[name][1] for name in SHOWN]
+        ax.stackplot(run.steps, run.outcomes, colors=colours, linewidth=0, labels=[OUTCOMES[name][0] for name in SHOWN])
+        for role, curve in zip(ROLES, run.crashes, strict=True):
+            ax.plot(run.steps, curve, color="black", linewidth=2.2)
+            ax.plot(run.steps, curve, color=ROLE_COLOURS[role], linewidth=1.2, label=f"{role} goes down")
+        ax.set_title(run.label, fontsize=10)
+        ax.set_xlim(0.0, run.steps[-1])
+        ax.set_ylim(0.0, 1.0)
+    for ax in axes[len(runs) :]:
+        ax.set_axis_off()
+    figure.supxlabel("environment steps, millions")
+    figure.supylabel("share of ended fights")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False, fontsize=9)
+    figure.savefig(path, dpi=110)
+
+
+def _mean(records: Sequence[dict[str, Any]], key: str) -> float:
+    """Mean over the fights that ended in `records`; NaN where none did."""
+    weights = [record["episodes"] for record in records if record[key] is not None]
+    values = [record[key] for record in records if record[key] is not None]
+    return float(np.average(values, weights=weights)) if sum(weights) else float("nan")
+
+
+if __name__ == "__main__":
+    main()

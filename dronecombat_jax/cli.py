@@ -14,8 +14,10 @@ from typing import Literal
 
 from dronecombat_jax import flags, settings
 from dronecombat_jax.config import Config, setting
-from dronecombat_jax.errors import EXIT_DATA, UserError
-from dronecombat_jax.schema import one_line, shown
+from dronecombat_jax.errors import UserError
+from dronecombat_jax.runs.rundir import find_run
+from dronecombat_jax.schema import one_line, settings_of, shown
+from dronecombat_jax.settings import Given
 
 DEFAULT_PRESET = "duel"
 SHORT_FLAGS = {
@@ -24,6 +26,7 @@ SHORT_FLAGS = {
     "train.seed": "--seed",
     "train.total_steps": "--steps",
 }
+POLICY_SUFFIXES = (".safetensors", ".onnx")
 EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
 
@@ -34,6 +37,8 @@ class TrainFlags(Config):
 
     preset: str = setting(DEFAULT_PRESET, f"one of {', '.join(settings.presets())}, or a .toml file")
     print_config: bool = setting(False, "print every setting as TOML and stop")
+    fork: str = setting("", "name of a new run that begins from a checkpoint of the run --name, with other settings")
+    fork_chunk: int = setting(-1, "which checkpoint to fork (0: the untrained one); -1: the newest", low=-1, high=10**9)
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,22 @@ class EvaluateFlags:
     chunk: int = setting(-1, "which checkpoint, counted from the untrained one; -1: the newest", low=-1, high=10**9)
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
     stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
+    defender: str = setting("", "a scripted pilot in the defender's place, such as hover or hover_guard")
+    attacker: str = setting("", "a scripted pilot in the attacker's place, such as dash or weave")
+    spawn: Literal["as_trained", "fixed", "uniform"] = setting("as_trained", "where the fights start")
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
+
+
+@dataclass(frozen=True)
+class ExportFlags:
+    """Write one policy of a run to one file: .safetensors (opens with NumPy alone) or .onnx."""
+
+    run: str = setting("", "the run: its folder, or its name in runs/")
+    out: str = setting("", "the file to write, ending in .safetensors or .onnx; also without --out, after RUN")
+    role: Literal["defender", "attacker"] = setting("attacker", "whose policy")
+    chunk: int = setting(-1, "which checkpoint, counted from the untrained one; -1: the newest", low=-1, high=10**9)
+    seed: int = setting(-1, "which of the run's seeds; -1: the only one", low=-1, high=2**31 - 1)
+    force: bool = setting(False, "replace a file that is there already")
 
 
 @dataclass(frozen=True)
@@ -57,6 +77,11 @@ def train(args: Sequence[str]) -> int:
     """train attacker and defender"""
     given, errors = flags.parse(TrainFlags, args, "dronecombat train", aliases=SHORT_FLAGS)
     preset, only_print = given.pop("preset", DEFAULT_PRESET), given.pop("print_config", False)
+    fork = {key: given.pop(key) for key in ("fork", "fork_chunk") if key in given}
+    own = {key: Given(value, settings.flag(key)) for key, value in fork.items()}
+    errors += settings.check(own, settings_of(TrainFlags))
+    if "fork" not in fork and fork:
+        errors.append("--fork-chunk needs --fork NEW_NAME")
     try:
         config = settings.load(preset, given, check_memory=True)
     except UserError as error:
@@ -71,7 +96,13 @@ def train(args: Sequence[str]) -> int:
     _prepare(config.run.device)
     from dronecombat_jax.runs import training
 
-    if code := training.train(config):
+    if "fork" in fork:
+        new = replace(config, run=replace(config.run, name=fork["fork"]))
+        chunk = fork.get("fork_chunk", -1)
+        config, code = new, training.train(new, config.run.name, chunk if chunk >= 0 else None)
+    else:
+        code = training.train(config)
+    if code:
         return code
     from dronecombat_jax.report import finish
 
@@ -87,7 +118,25 @@ def evaluate(args: Sequence[str]) -> int:
     from dronecombat_jax.runs import evaluation
 
     chunk = None if given.chunk < 0 else given.chunk
-    return evaluation.evaluate(run, given.fights, chunk=chunk, seed=given.seed, stochastic=given.stochastic)
+    spawn = "" if given.spawn == "as_trained" else given.spawn
+    match = evaluation.Match(given.fights, given.seed, given.stochastic, given.defender, given.attacker, spawn)
+    return evaluation.evaluate(run, match, chunk)
+
+
+def export(args: Sequence[str]) -> int:
+    """write one policy of a run to a file to share"""
+    prog = "dronecombat export"
+    given: ExportFlags = flags.read(ExportFlags, _with_out_named(args), prog, positional="run")
+    out = Path(given.out)
+    if out.suffix not in POLICY_SUFFIXES:
+        raise UserError(f"the file to write must end in {' or '.join(POLICY_SUFFIXES)}: {prog} RUN policy.safetensors")
+    run = find_run(given.run)
+    _prepare("cpu")  # nothing is computed
+    from dronecombat_jax.runs import export as exporter
+
+    number = lambda value: None if value < 0 else value
+    chunk, seed = number(given.chunk), number(given.seed)
+    return exporter.export(run, out, given.role, chunk=chunk, seed=seed, force=given.force)
 
 
 def doctor(args: Sequence[str]) -> int:
@@ -101,6 +150,7 @@ def doctor(args: Sequence[str]) -> int:
 COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "train": train,
     "evaluate": evaluate,
+    "export": export,
     "doctor": doctor,
 }
 
@@ -138,18 +188,14 @@ def summary(config: Config, preset: str) -> str:
     return "\n".join([*lines, "  (all of them: the same command with --print-config)"])
 
 
-def find_run(word: str) -> Path:
-    """The folder of a run, given by its path or by its name in runs/; UserError where there is none."""
-    if not word:
-        raise UserError("RUN is missing: dronecombat evaluate RUN, RUN being a folder or a name in runs/")
-    home = Path("runs")
-    for folder in (Path(word), home / word):
-        if os.path.isdir(folder):  # False, where Path raises on a name too long
-            return folder
-    names = sorted(path.name for path in home.iterdir() if path.is_dir()) if home.is_dir() else []
-    close = difflib.get_close_matches(word, names, n=1)
-    hint = f"did you mean {close[0]}?" if close else f"runs there are: {', '.join(names[:10]) or 'none'}"
-    raise UserError(f"{word}: no such run; {hint}", EXIT_DATA)
+def _with_out_named(args: Sequence[str]) -> list[str]:
+    """The words of `export RUN out.onnx` as `export RUN --out out.onnx`: known by its suffix, or by following RUN."""
+    words: list[str] = []
+    for word in args:
+        second = len(words) == 1 and not words[0].startswith("-")
+        bare = words and words[-1] != "--out" and not word.startswith("-")
+        words += ["--out", word] if bare and (second or word.endswith(POLICY_SUFFIXES)) else [word]
+    return words
 
 
 def _run(args: list[str]) -> int:

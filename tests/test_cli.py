@@ -87,6 +87,14 @@ def test_short_flags(rooms):
     assert config.train.total_steps == 123
 
 
+def test_a_fork_is_a_new_run_from_a_named_one(rooms):
+    assert cli.main(["train", "--name", "old", "--fork", "new", "--seed", "7"]) == EXIT_STOPPED
+    assert cli.main(["train", "--fork-chunk", "3", "--fork", "new"]) == EXIT_STOPPED
+    (_, config, *origin), (_, _, *second) = (call for call in rooms.calls if call[0] == "train")
+    assert (config.run.name, config.train.seed, *origin) == ("new", 7, "old", None)
+    assert second == ["ippo-duel", 3]
+
+
 def test_a_preset_may_be_a_file(rooms, tmp_path):
     (tmp_path / "mine.toml").write_text("[train]\nseed = 5\n")
     config = trained(rooms, "--preset", "mine.toml")
@@ -157,6 +165,8 @@ def test_every_setting_has_a_flag():
         ("--device cuda", "--run.device cuda: must be one of auto, cpu, gpu, tpu"),
         ("--preset duell", '--preset "duell": no such preset; did you mean duel?'),
         ("--preset none.toml", "none.toml: no such file"),
+        ("--fork-chunk 3", "--fork-chunk needs --fork NEW_NAME"),
+        ("--fork new --fork-chunk 1.5", "--fork-chunk 1.5: must be an integer from -1 to 1000000000"),
         ("--learn.minibatches 7", "nearest that fit: learn.minibatches 6 or 8, train.num_envs 994 or 1001"),
         ("--train.num-envs 1000000 --train.num-seeds 1024", "of memory, and this machine has"),
     ],
@@ -204,7 +214,7 @@ def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
-        ("", EXIT_CONFIG, "RUN is missing: dronecombat evaluate RUN"),
+        ("", EXIT_CONFIG, "RUN is missing: a folder, or a name in runs/"),
         ("minr", EXIT_DATA, "minr: no such run; did you mean mine?"),
         ("zzzz", EXIT_DATA, "zzzz: no such run; runs there are: mine"),
         ("x" * 999, EXIT_DATA, "no such run"),
@@ -244,7 +254,7 @@ def test_without_a_command_the_usage_is_shown(capsys):
 
 
 @pytest.mark.parametrize(
-    ("word", "hint"), [("trian", "did you mean train?"), ("zzz", "commands: train, evaluate, doctor"), ("--seed", "commands")]
+    ("word", "hint"), [("trian", "did you mean train?"), ("zzz", "commands: train, evaluate, "), ("--seed", "commands")]
 )  # fmt: skip
 def test_an_unknown_command(capsys, word, hint):
     (line,) = refused(capsys, word)

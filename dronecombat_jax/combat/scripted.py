@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from dronecombat_jax.combat.autopilot import MIN_LIFT, VELOCITY_GAIN, Airframe, airframe, attainable, steer
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import UserError
+from dronecombat_jax.schema import one_line
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.rotation import body_z
 from dronecombat_jax.sim.scene import Scene
@@ -54,13 +55,17 @@ class Situation(NamedTuple):
 Guidance = Callable[[Airframe, Situation], jax.Array]  # -> wanted acceleration [E, 3] m/s^2, world frame
 
 
-def build_pilot(name: str, config: Config, scene: Scene) -> Pilot:
-    """The scripted pilot `name` of `PILOTS`, for this body and clock. Raises UserError for an unknown name."""
-    for role, guidances in PILOTS.items():
-        if name in guidances:
-            return _pilot(role, guidances[name], airframe(config, scene, role), config.control_dt)
-    names = "; ".join(f"{ROLES[role]}s: {', '.join(guidances)}" for role, guidances in PILOTS.items())
-    raise UserError(f"{name}: no scripted pilot has this name ({names})")
+def build_pilot(name: str, config: Config, scene: Scene, role: int | None = None) -> Pilot:
+    """The scripted pilot `name` of `PILOTS`, for this body and clock.
+
+    Raises UserError for an unknown name, or one that flies the other `role`.
+    """
+    for its_role, guidances in PILOTS.items():
+        if name in guidances and role in (None, its_role):
+            return _pilot(its_role, guidances[name], airframe(config, scene, its_role), config.control_dt)
+    roles = PILOTS if role is None else (role,)
+    names = "; ".join(f"{ROLES[there]}s: {', '.join(PILOTS[there])}" for there in roles)
+    raise UserError(f"{one_line(name)}: no scripted pilot has this name ({names})")
 
 
 def one_per_fight(pilots: Sequence[Pilot], which: jax.Array) -> Pilot:

@@ -8,11 +8,11 @@ import numpy as np
 
 from dronecombat_jax.arena.match import policy_pilot, record, start_fights, trajectory
 from dronecombat_jax.config import Config
-from dronecombat_jax.errors import UserError
+from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.report.figures import learning_curves
 from dronecombat_jax.report.video import render_fight
 from dronecombat_jax.runs import metrics
-from dronecombat_jax.runs.evaluation import SavedRun, evaluate, load_run, policies
+from dronecombat_jax.runs.evaluation import Match, SavedRun, evaluate, load_run, policies
 from dronecombat_jax.runs.rundir import RunDirectory
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, FightRecord, Policy, Trajectory
 
@@ -28,9 +28,8 @@ def finish(config: Config) -> None:
     if _is_finished(run, config):
         return
     if config.run.figures:
-        learning_curves(metrics.read(run.metrics), run.figures / "learning.png", run.name)
-        print(f"learning curves: {run.figures / 'learning.png'}", flush=True)
-    evaluate(run.path, config.run.evaluation_fights)
+        _draw_curves(run)
+    evaluate(run.path, Match(config.run.evaluation_fights))
     if config.run.video:
         saved = load_run(run.path)
         fight = typical_fight(saved, 0)
@@ -47,6 +46,19 @@ def finish(config: Config) -> None:
             print(f"no picture of a fight: {error.message}", flush=True)
         else:
             print(f"a fight: {run.figures / 'fight.png'} and {run.video}", flush=True)
+
+
+def _draw_curves(run: RunDirectory) -> None:
+    """Metrics may be damaged or gone: the run itself is in its checkpoints."""
+    picture = run.figures / "learning.png"
+    try:
+        learning_curves(metrics.read(run.metrics), picture, run.name)
+    except UserError as error:
+        if error.exit_code != EXIT_DATA:
+            raise
+        print(f"no learning curves: {error.message}", flush=True)
+    else:
+        print(f"learning curves: {picture}", flush=True)
 
 
 def _is_finished(run: RunDirectory, config: Config) -> bool:

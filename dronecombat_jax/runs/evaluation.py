@@ -2,24 +2,23 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from dronecombat_jax import settings
 from dronecombat_jax.arena.match import fight, policy_pilot, start_fights
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
+from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config import Config
-from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.learn.rollout import policy_of, select
-from dronecombat_jax.runs import checkpoint
 from dronecombat_jax.runs.atomic import write_atomic
 from dronecombat_jax.runs.records import ENDINGS
+from dronecombat_jax.runs.resume import load_state, newest_start
 from dronecombat_jax.runs.rundir import RunDirectory
-from dronecombat_jax.selfplay.chunk import init_state
 from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, FightResult, Outcome, Policy, TrainState
 
 
@@ -33,18 +32,10 @@ class SavedRun(NamedTuple):
 
 
 def load_run(path: Path, chunk: int | None = None) -> SavedRun:
-    """Read a run's configuration and a checkpoint (`chunk` 0: untrained; None: the newest). UserError 3."""
-    run = RunDirectory(path)
-    config = settings.load(run.config, {})
-    if chunk is None:
-        iteration = checkpoint.latest(run.checkpoints, set_aside=False)
-        if iteration is None:
-            raise UserError(f"{run.checkpoints}: no checkpoint that can be used", EXIT_DATA)
-    else:
-        iteration = chunk * config.train.chunk_iterations
-    combat = Combat(config)
-    template = jax.eval_shape(lambda: init_state(combat))
-    return SavedRun(config, combat, iteration, checkpoint.restore(run.checkpoints, iteration, template))
+    """Read a checkpoint (`chunk` 0: untrained; None: the newest) and the configuration it was made with. UserError 3."""
+    start = newest_start(RunDirectory(path), chunk)
+    combat = Combat(start.config)
+    return SavedRun(start.config, combat, start.iteration, load_state(start, combat))
 
 
 def policies(run: SavedRun, seed_index: int) -> tuple[Policy, Policy]:
@@ -53,21 +44,40 @@ def policies(run: SavedRun, seed_index: int) -> tuple[Policy, Policy]:
     return policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
 
 
-def play(run: SavedRun, seed_index: int, fights: int, seed: int, stochastic: bool = False) -> FightResult:
-    """`fights` fights between the policies of one seed, from start states drawn by `seed`; NumPy leaves."""
+class Match(NamedTuple):
+    """Which fights to fly with a run."""
 
-    def match(defender: Policy, attacker: Policy, key: jax.Array) -> FightResult:
-        learn = run.config.learn
+    fights: int = 256
+    seed: int = 0  # of the start states
+    stochastic: bool = False  # draw the policies' actions instead of taking their mean
+    defender: str = ""  # a scripted pilot in the defender's place (combat.scripted.PILOTS); "": the run's own
+    attacker: str = ""
+    spawn: str = ""  # "fixed" or "uniform" starts; "": those of the run
+
+
+def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
+    """The fights of `match` with the policies of one of the run's seeds; NumPy leaves. UserError for an unknown pilot."""
+    game = run.config.game
+    config = replace(run.config, game=replace(game, spawn=match.spawn or game.spawn))
+    combat = Combat(config, run.combat.scene)
+    learn = config.learn
+
+    def pilot(name: str, policy: Policy, role: int) -> Pilot:
+        if name:
+            return build_pilot(name, config, combat.scene, role)
+        return policy_pilot(learn, policy, role, match.stochastic)
+
+    def fly(defender: Policy, attacker: Policy, key: jax.Array) -> FightResult:
         start_key, fight_key = jax.random.split(key)
         return fight(
-            run.combat,
-            policy_pilot(learn, defender, DEFENDER, stochastic),
-            policy_pilot(learn, attacker, ATTACKER, stochastic),
-            start_fights(run.combat, start_key, fights),
+            combat,
+            pilot(match.defender, defender, DEFENDER),
+            pilot(match.attacker, attacker, ATTACKER),
+            start_fights(combat, start_key, match.fights),
             fight_key,
         )
 
-    return jax.device_get(jax.jit(match)(*policies(run, seed_index), jax.random.key(seed)))
+    return jax.device_get(jax.jit(fly)(*policies(run, seed_index), jax.random.key(match.seed)))
 
 
 def summary(config: Config, result: FightResult) -> dict[str, Any]:
@@ -89,15 +99,23 @@ def summary(config: Config, result: FightResult) -> dict[str, Any]:
     }
 
 
-def evaluate(path: Path, fights: int, chunk: int | None = None, seed: int = 0, stochastic: bool = False) -> int:
-    """Print how the policies of a run fare against each other, and write `evaluation.json`; returns 0."""
+def evaluate(path: Path, match: Match, chunk: int | None = None) -> int:
+    """Print how a run's policies fare, against each other or a scripted pilot; returns 0.
+
+    Against each other, from the run's own starts, it is written to `evaluation.json`, too.
+    """
     run = load_run(path, chunk)
     steps = run.iteration * run.config.steps_per_iteration
     results = []
     for index in range(run.config.train.num_seeds):
-        result = summary(run.config, play(run, index, fights, seed, stochastic))
-        results.append({"seed": run.config.train.seed + index, "steps": steps, "stochastic": stochastic, **result})
+        result = summary(run.config, play(run, index, match))
+        told = {
+            name: value for name, value in match._asdict().items() if value != "" and name not in ("fights", "seed")
+        }
+        results.append({**told, "seed": run.config.train.seed + index, "steps": steps, **result})
         print(report_text(results[-1]))
+    if match.defender or match.attacker or match.spawn:
+        return 0
     write_atomic(RunDirectory(path).evaluation, json.dumps(results, indent=2) + "\n")
     print(f"written to {RunDirectory(path).evaluation}")
     return 0
@@ -106,7 +124,12 @@ def evaluate(path: Path, fights: int, chunk: int | None = None, seed: int = 0, s
 def report_text(result: dict[str, Any]) -> str:
     """One seed's result as a small table."""
     how = "drawn actions" if result["stochastic"] else "mean actions"
-    lines = [f"seed {result['seed']} after {result['steps']:,} steps: {result['fights']} fights, {how} (95 % interval)"]
+    scripted = [f", {role} is the scripted {result[role]}" for role in ROLES if role in result]
+    starts = f", {result['spawn']} starts" if "spawn" in result else ""
+    lines = [
+        f"seed {result['seed']} after {result['steps']:,} steps: {result['fights']} fights, {how}"
+        f"{''.join(scripted)}{starts} (95 % interval)"
+    ]
     for group in ("win", "cause", "crash"):
         for name, (share, low, high) in result[group].items():
             if group == "win" or share > 0:

@@ -13,7 +13,7 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config import Config, GameConfig, LearnConfig, SimConfig, TrainConfig
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.runs import checkpoint
-from dronecombat_jax.runs.evaluation import _wilson, load_run, play, summary
+from dronecombat_jax.runs.evaluation import Match, _wilson, load_run, play, summary
 from dronecombat_jax.selfplay.chunk import init_state
 from dronecombat_jax.types import Cause, FightResult
 
@@ -89,7 +89,7 @@ def test_the_command_writes_what_it_counted(run, capsys):
     assert saved.iteration == 0 and all(
         np.array_equal(a, b) for a, b in zip(jax.tree.leaves(saved.state), jax.tree.leaves(run.state), strict=True)
     )
-    again = play(saved, 0, fights=12, seed=3)
+    again = play(saved, 0, Match(fights=12, seed=3))
     assert json.loads(json.dumps(summary(CONFIG, again))).items() <= row.items()  # the same fights
     assert again.cause.shape == (12,) and np.all(again.cause != Cause.NONE) and np.all(again.steps <= 25)
     assert np.all(again.steps[again.cause == Cause.TIMEOUT] == 25)
@@ -104,3 +104,24 @@ def test_a_checkpoint_that_is_not_there(run, tmp_path, capsys):
     (empty / "config.toml").write_text(settings.to_toml(CONFIG))
     assert cli.main(["evaluate", str(empty)]) == EXIT_DATA
     assert "no checkpoint" in capsys.readouterr().err
+
+
+def test_a_scripted_pilot_takes_one_place(run, capsys):
+    before = (run.path / "evaluation.json").read_bytes() if (run.path / "evaluation.json").exists() else None
+    flags = ["--fights", "8", "--attacker", "dash", "--spawn", "uniform"]
+    assert cli.main(["evaluate", str(run.path), *flags]) == 0
+    assert "8 fights, mean actions, attacker is the scripted dash, uniform starts" in capsys.readouterr().out
+    after = (run.path / "evaluation.json").read_bytes() if (run.path / "evaluation.json").exists() else None
+    assert after == before  # that file tells of the run's own two
+
+
+@pytest.mark.parametrize(
+    ("flags", "told"),
+    [
+        (["--attacker", "dahs"], "dahs: no scripted pilot has this name (attackers: dash, weave, high_dive)"),
+        (["--defender", "dash"], "dash: no scripted pilot has this name (defenders: hover"),
+    ],
+)
+def test_a_scripted_pilot_that_is_not_there(run, flags, told, capsys):
+    assert cli.main(["evaluate", str(run.path), *flags]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {told}")

@@ -1,0 +1,58 @@
+"""Which game a policy knows: the settings and the observation that its actions depend on, and their sha256.
+
+What does not live here: who compares them (`runs.policy`, tournaments). Rewards and learning are no part of
+the game that a trained policy meets.
+"""
+
+import hashlib
+import json
+from typing import Any
+
+from dronecombat_jax.combat.observe import LAYOUT
+from dronecombat_jax.config import Config
+from dronecombat_jax.schema import flatten
+from dronecombat_jax.settings import SCHEMA
+
+# Raise it where physics, rules or observation change while the settings stay as they are.
+ENVIRONMENT_VERSION = 1
+# The clock of a training run's first fights: no fight between trained policies begins with it.
+_TRAINING_ONLY = ("game.random_clock",)
+
+
+def observation_fields(observation: str) -> tuple[tuple[str, int], ...]:
+    """Name and length of each part of the observation, in order; `observation` as in `GameConfig`."""
+    if observation == "world":
+        return LAYOUT
+    return tuple((name.replace("_d", "_self").replace("_a", "_other"), size) for name, size in LAYOUT)
+
+
+def environment(config: Config) -> dict[str, Any]:
+    """What a trained policy meets, as plain JSON: version, observation, settings of `sim` and `game` by dotted key."""
+    values = flatten(config)
+    met = [key for key in SCHEMA if key.startswith(("sim.", "game.")) and key not in _TRAINING_ONLY]
+    fields = [list(field) for field in observation_fields(config.game.observation)]
+    return {
+        "version": ENVIRONMENT_VERSION,
+        "observation_fields": fields,
+        **{key: SCHEMA[key].normal(values[key]) for key in met},  # 1 and 1.0 are the same setting
+    }
+
+
+def canonical(environment: dict[str, Any]) -> str:
+    """The one spelling of an environment as JSON: sorted keys, no spaces."""
+    return json.dumps(environment, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def environment_digest(config: Config) -> str:
+    """sha256 in hex of the canonical spelling: equal where policies may fight each other."""
+    return hashlib.sha256(canonical(environment(config)).encode()).hexdigest()
+
+
+def environment_diff(saved: dict[str, Any], here: dict[str, Any]) -> list[str]:
+    """One line for each part in which two environments differ; foreign values are spelt as JSON."""
+    spelt = lambda side, key: json.dumps(side[key]) if key in side else "nothing"
+    return [
+        f"{key} is {spelt(saved, key)} there, {spelt(here, key)} here"
+        for key in sorted(saved.keys() | here.keys())
+        if key not in saved or key not in here or saved[key] != here[key]
+    ]

@@ -1,0 +1,78 @@
+"""`dronecombat export`: one policy out of a run's checkpoint into one file, safetensors or ONNX by its suffix."""
+
+import hashlib
+import re
+from pathlib import Path
+
+import jax
+
+from dronecombat_jax import settings
+from dronecombat_jax.combat.fingerprint import environment
+from dronecombat_jax.errors import EXIT_CONFIG, UserError
+from dronecombat_jax.runs.evaluation import SavedRun, load_run, policies
+from dronecombat_jax.runs.onnx_policy import require_onnx, save_onnx
+from dronecombat_jax.runs.policy import refuse_overwriting, save_policy
+from dronecombat_jax.runs.policy_info import PolicyInfo
+from dronecombat_jax.runs.provenance import package_version
+from dronecombat_jax.runs.rundir import RunDirectory
+from dronecombat_jax.types import ACTION_SIZE, DEFENDER, OBSERVATION_SIZE, ROLES, Policy
+
+
+def export(
+    path: Path, out: Path, role: str, *, chunk: int | None = None, seed: int | None = None, force: bool = False
+) -> int:
+    """Write the policy of `role` from the run at `path` to `out`; returns 0.
+
+    `chunk` 0 is untrained, None the newest; `seed` may be None where the run has one alone.
+    Raises UserError: 2 for a seed or role that the run lacks, 3 for a checkpoint, 73 for `out`.
+    """
+    refuse_overwriting(out, force)
+    if out.suffix == ".onnx":
+        require_onnx()
+    run = load_run(path, chunk)
+    policy, info = policy_of_run(run, RunDirectory(path), role, seed)
+    save = save_onnx if out.suffix == ".onnx" else save_policy
+    save(out, policy, info, force=force)
+    print(
+        f"{out}: {role} of {info.run}, seed {info.seed}, chunk {info.chunk} ({info.steps:,} environment steps), "
+        f"network {'-'.join(map(str, info.layer_sizes))}, {out.stat().st_size:,} bytes"
+    )
+    return 0
+
+
+def policy_of_run(run: SavedRun, directory: RunDirectory, role: str, seed: int | None) -> tuple[Policy, PolicyInfo]:
+    """One policy of a run (NumPy leaves) and where it comes from."""
+    config = run.config
+    if config.game.scenario == "solo" and role == ROLES[DEFENDER]:
+        raise UserError(f"{directory.path} is a solo run: its defender never flew; take --role attacker", EXIT_CONFIG)
+    index = _seed_index(run, directory, seed)
+    info = PolicyInfo(
+        role=role,
+        layer_sizes=(OBSERVATION_SIZE, *config.learn.hidden_sizes, ACTION_SIZE),
+        normalize_observations=config.learn.normalize_observations,
+        environment=environment(config),
+        run=_identifier(directory.path.resolve().name),
+        seed=config.train.seed + index,
+        chunk=run.iteration // config.train.chunk_iterations,
+        steps=run.iteration * config.steps_per_iteration,
+        package_version=package_version(),
+        jax_version=jax.__version__,
+        config_sha256=hashlib.sha256(settings.to_toml(config).encode()).hexdigest(),
+    )
+    return policies(run, index)[ROLES.index(role)], info
+
+
+def _seed_index(run: SavedRun, directory: RunDirectory, seed: int | None) -> int:
+    first, count = run.config.train.seed, run.config.train.num_seeds
+    if seed is None and count == 1:
+        return 0
+    if seed is None or not first <= seed < first + count:
+        there = f"seed {first} alone" if count == 1 else f"seeds {first} to {first + count - 1}"
+        asked = "choose one with --seed" if seed is None else f"not --seed {seed}"
+        raise UserError(f"{directory.path} has {there}: {asked}", EXIT_CONFIG)
+    return seed - first
+
+
+def _identifier(name: str) -> str:
+    """A folder's name with everything but plain characters replaced: it goes into messages and tables."""
+    return re.sub(r"[^A-Za-z0-9._-]", "-", name)[:100].lstrip(".") or "run"

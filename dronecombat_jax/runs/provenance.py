@@ -1,0 +1,71 @@
+"""What a checkpoint says about itself beside its arrays, and whether this machine would go on as it began. Plain JSON."""
+
+from importlib import metadata
+from typing import Any
+
+from dronecombat_jax import settings
+from dronecombat_jax.config import Config
+from dronecombat_jax.runs.manifest import CheckpointError
+from dronecombat_jax.runs.resume import Start
+
+
+def describe(config: Config, iteration: int) -> dict[str, Any]:
+    """The meta of a checkpoint after `iteration` iterations: settings, environment and versions."""
+    import jax
+
+    from dronecombat_jax.combat.fingerprint import environment, environment_digest
+
+    return {
+        "config": settings.to_toml(config),
+        "steps": iteration * config.steps_per_iteration,
+        "environment": environment(config),
+        "environment_digest": environment_digest(config),
+        "package": package_version(),
+        "jax": jax.__version__,
+        "random": _random(),
+    }
+
+
+def check_meta(start: Start, config: Config) -> list[str]:
+    """Notes for a person about going on from `start` here; a checkpoint that says nothing is not asked.
+
+    Raises CheckpointError where this version has another environment under the same settings, or where
+    other random numbers would come out of the same seeds.
+    """
+    import jax
+
+    from dronecombat_jax.combat.fingerprint import environment, environment_diff
+
+    saved, here = start.meta.get("environment"), environment(config)
+    if isinstance(saved, dict) and not start.changed and (lines := environment_diff(saved, here)):
+        raise CheckpointError(
+            f"{start.path} was made in another environment: {'; '.join(lines)}. "
+            "Choose another --name, or --fork NEW_NAME to go on in this one"
+        )
+    if (random := start.meta.get("random", _random())) != _random():
+        raise CheckpointError(
+            f"{start.path} was made with the random numbers of {_spelt(random)}, and JAX is set to {_spelt(_random())}: "
+            "unset JAX_DEFAULT_PRNG_IMPL and JAX_THREEFRY_PARTITIONABLE, or set them as they were"
+        )
+    if (version := start.meta.get("jax", jax.__version__)) != jax.__version__:
+        return [f"note: made with jax {version}, goes on with {jax.__version__}: no longer the same bits"]
+    return []
+
+
+def package_version() -> str:
+    """Of this package, as installed."""
+    try:
+        return metadata.version("dronecombat-jax")
+    except metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def _random() -> dict[str, Any]:
+    """What the bits behind a key depend on besides the seed."""
+    import jax
+
+    return {"generator": jax.config.jax_default_prng_impl, "partitionable": jax.config.jax_threefry_partitionable}
+
+
+def _spelt(random: Any) -> str:
+    return ", ".join(f"{key} {value}" for key, value in random.items()) if isinstance(random, dict) else str(random)

@@ -1,0 +1,132 @@
+"""`dronecombat export` on a run of two seeds and two checkpoints that nobody trained."""
+
+import hashlib
+import sys
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+from policies import observations
+
+from dronecombat_jax import cli, settings
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.fingerprint import environment_digest
+from dronecombat_jax.config import Config, GameConfig, LearnConfig, TrainConfig
+from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_DATA
+from dronecombat_jax.learn.rollout import policy_mean, policy_of
+from dronecombat_jax.runs import checkpoint
+from dronecombat_jax.runs.numpy_policy import NumpyPolicy
+from dronecombat_jax.runs.policy import load_policy, require_environment
+from dronecombat_jax.selfplay.chunk import init_state
+
+CONFIG = Config(
+    learn=LearnConfig(hidden_sizes=(8, 6), rollout_steps=6, minibatches=2),
+    train=TrainConfig(num_envs=8, chunk_iterations=2, seed=5, num_seeds=2, total_steps=192),
+)
+
+
+def begun(path, config: Config, steps: tuple[int, ...]) -> SimpleNamespace:
+    """A run whose checkpoints hold random numbers."""
+    (path / "checkpoints").mkdir(parents=True)
+    (path / "config.toml").write_text(settings.to_toml(config))
+    shapes = jax.eval_shape(lambda: init_state(Combat(config)))
+    states = {}
+    for step in steps:
+        rng = np.random.default_rng(step)
+        states[step] = jax.tree.map(lambda leaf: (rng.random(leaf.shape) / 2).astype(leaf.dtype), shapes)  # noqa: B023
+        checkpoint.save(path / "checkpoints", step, states[step], {})
+    return SimpleNamespace(path=path, states=states)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> SimpleNamespace:
+    return begun(tmp_path_factory.mktemp("runs") / "two seeds", CONFIG, (0, 2))
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def export(run: SimpleNamespace, *args: str) -> int:
+    return cli.main(["export", str(run.path), *args])
+
+
+def one_error(capsys) -> str:
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("error: ") and len(err.splitlines()) == 1
+    return err.removeprefix("error: ").strip()
+
+
+@pytest.mark.parametrize(("role", "agent"), [("defender", 0), ("attacker", 1)])
+def test_the_file_holds_the_policy_that_was_asked_for(run, here, capsys, role, agent):
+    assert export(run, "--chunk", "1", "--role", role, "--seed", "6", "out.safetensors") == 0
+    line = f"out.safetensors: {role} of two-seeds, seed 6, chunk 1 (96 environment steps), network 35-8-6-4"
+    assert capsys.readouterr().out.startswith(line)
+    policy, info = load_policy(here / "out.safetensors")
+    wanted = policy_of(jax.tree.map(lambda leaf: leaf[1, agent], run.states[2].learners))
+    for ours, saved in zip(jax.tree.leaves(wanted), jax.tree.leaves(policy), strict=True):
+        assert np.asarray(ours).tobytes() == saved.tobytes() and np.shape(ours) == saved.shape
+    assert (info.role, info.run, info.seed, info.chunk, info.steps) == (role, "two-seeds", 6, 1, 96)
+    assert info.layer_sizes == (35, 8, 6, 4) and info.environment_sha256 == environment_digest(CONFIG)
+    assert info.config_sha256 == hashlib.sha256((run.path / "config.toml").read_bytes()).hexdigest()
+    assert require_environment(info, CONFIG) == []
+    seen = observations(policy, 3.0)
+    ours = np.asarray(policy_mean(CONFIG.learn, wanted, seen))
+    assert NumpyPolicy("out.safetensors")(seen) == pytest.approx(ours, rel=1e-5, abs=1e-5)
+
+
+def test_the_newest_is_the_default_and_the_bytes_are_the_same_every_time(run, here):
+    assert export(run, "--seed", "5", "--out", "a.safetensors") == 0
+    assert export(run, "b.safetensors", "--chunk", "1", "--seed", "5") == 0
+    assert export(run, "--seed", "5", "c.safetensors", "--chunk", "0") == 0
+    newest, same, untrained = ((here / f"{name}.safetensors").read_bytes() for name in "abc")
+    assert newest == same != untrained
+
+
+def test_a_file_is_replaced_only_by_force(run, here, capsys):
+    (here / "a.safetensors").write_text("mine")
+    assert export(run, "--seed", "5", "a.safetensors") == EXIT_CANNOT_WRITE
+    assert one_error(capsys) == "a.safetensors is there already; --force replaces it"
+    assert (here / "a.safetensors").read_text() == "mine"
+    assert export(run, "--seed", "5", "--force", "a.safetensors") == 0
+    load_policy(here / "a.safetensors")
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "words"),
+    [
+        (["a.safetensors"], EXIT_CONFIG, "has seeds 5 to 6: choose one with --seed"),
+        (["a.safetensors", "--seed", "7"], EXIT_CONFIG, "has seeds 5 to 6: not --seed 7"),
+        (["a.safetensors", "--seed", "5", "--chunk", "3"], EXIT_DATA, "no checkpoint 6"),
+        (["a.pt"], EXIT_CONFIG, "must end in .safetensors or .onnx"),
+        (["--seed", "5"], EXIT_CONFIG, "must end in .safetensors or .onnx"),
+        (["no/where.safetensors", "--seed", "5"], EXIT_CANNOT_WRITE, "cannot write no/where.safetensors: No such file"),
+        (["n" * 300 + ".safetensors", "--seed", "5"], EXIT_CANNOT_WRITE, "is longer than 200 bytes"),
+        (["a.safetensors", "--role", "referee"], EXIT_CONFIG, "must be one of defender, attacker"),
+    ],
+)
+def test_mistakes_are_one_line(run, here, capsys, args, code, words):
+    assert export(run, *args) == code
+    assert words in one_error(capsys)
+    assert list(here.iterdir()) == []
+
+
+def test_a_solo_run_has_no_defender(tmp_path_factory, capsys):
+    config = Config(game=GameConfig(scenario="solo"), learn=CONFIG.learn, train=TrainConfig(num_envs=8))
+    solo = begun(tmp_path_factory.mktemp("runs") / "solo", config, (0,))
+    assert export(solo, "--role", "defender", "a.safetensors") == EXIT_CONFIG
+    assert "its defender never flew; take --role attacker" in one_error(capsys)
+    assert export(solo, "a.safetensors") == 0  # one seed alone need not be named
+
+
+def test_the_suffix_chooses_onnx(run, here, capsys, monkeypatch):
+    pytest.importorskip("onnx", reason="onnx is not installed: pip install onnx")
+    assert export(run, "--seed", "5", "a.onnx") == 0
+    assert capsys.readouterr().out.startswith("a.onnx: attacker of two-seeds, seed 5, chunk 1")
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    assert export(run, "--seed", "5", "b.onnx") == EXIT_CONFIG
+    assert "pip install 'dronecombat-jax[onnx]'" in one_error(capsys)
+    assert [path.name for path in here.iterdir()] == ["a.onnx"]

@@ -1,0 +1,122 @@
+"""Does the final policy still beat the opponents of its past? Each run's matches against its own and others' past.
+
+W [T, T] is a learner's mean score by time of saving (rows) against opponents by time of saving (columns), NaN where
+not played; a cell that is NaN is left out and never filled. For attackers as the learner, hand in 1 - W.T.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecombat_jax.arena.result import Entrant, TournamentResult, score_rate
+
+
+class RunMap(NamedTuple):
+    """One run's defenders against its own attackers."""
+
+    run: str  # `Entrant.lineage`: one seed of a run
+    method: str
+    seed: int
+    chunks: NDArray[np.integer]  # [T] common to all maps that were made together
+    score: NDArray[np.float64]  # [T, T] defender's mean score; NaN where not played
+
+
+class MapSummary(NamedTuple):
+    """Runs of one method side by side, as in the paper's figures 6 to 9."""
+
+    mean: NDArray[np.float64]  # [T, T] over runs; NaN where none played
+    variance: NDArray[np.float64]  # [T, T] over runs, ddof 1; NaN where fewer than two played
+    runs: NDArray[np.integer]  # [T, T] how many runs played the cell
+
+
+class Forgetting(NamedTuple):
+    """How one learner fares against its opponents' past. Scores: 1 a win, 1/2 a draw."""
+
+    lag: NDArray[np.integer]  # [2 T - 1] learner's time minus opponent's: above 0 is the past, below 0 the future
+    profile: NDArray[np.float64]  # [2 T - 1] mean score over all pairs of that lag; NaN without any
+    pairs: NDArray[np.integer]  # [2 T - 1] how many pairs
+    backward_transfer: float  # mean over i < T of W[T, i] - W[i, i]: below 0, the final policy lost what it could
+    worst_past: NDArray[np.float64]  # [T] min over i <= t of W[t, i]; the noise of few fights pulls it down
+    final_worst: float  # its last entry
+
+
+def run_maps(result: TournamentResult, rate: NDArray | None = None) -> tuple[RunMap, ...]:
+    """The map of every run that has both roles in the tournament, on one common grid of chunks.
+
+    `rate` [D, A] defaults to the defender's mean score; `result.win_rate` gives the paper's maps.
+    """
+    rate = score_rate(result) if rate is None else rate
+    defenders, attackers = _by_run(result.defenders), _by_run(result.attackers)
+    runs = [run for run in defenders if run in attackers]
+    chunks = np.unique([chunk for side in (defenders, attackers) for run in runs for chunk in side[run]])
+    maps = []
+    for run in runs:
+        rows, columns = defenders[run], attackers[run]
+        score = np.full((len(chunks), len(chunks)), np.nan)
+        at = np.ix_(np.searchsorted(chunks, list(rows)), np.searchsorted(chunks, list(columns)))
+        score[at] = rate[np.ix_(list(rows.values()), list(columns.values()))]
+        entrant = result.defenders[next(iter(rows.values()))]
+        maps.append(RunMap(run, entrant.method, entrant.seed, chunks, score))
+    return tuple(maps)
+
+
+def summarise_maps(maps: Sequence[RunMap]) -> MapSummary:
+    """Mean and variance over runs, cell by cell, of those that played it."""
+    stack = np.stack([one.score for one in maps])
+    played = ~np.isnan(stack)
+    runs = played.sum(axis=0)
+    mean = np.where(runs > 0, np.where(played, stack, 0.0).sum(axis=0) / np.maximum(runs, 1), np.nan)
+    squares = np.where(played, (stack - mean) ** 2, 0.0).sum(axis=0)
+    return MapSummary(mean, np.where(runs > 1, squares / np.maximum(runs - 1, 1), np.nan), runs)
+
+
+def forgetting(score: NDArray) -> Forgetting:
+    """Summarise W = `score` [T, T]; raises ValueError unless it is square."""
+    score = np.asarray(score, float)
+    size = len(score)
+    if score.shape != (size, size) or not size:
+        raise ValueError(f"a map of one run is square, not {score.shape}")
+    lags = np.arange(-(size - 1), size)
+    diagonals = [np.diagonal(score, -lag) for lag in lags]
+    diagonals = [values[~np.isnan(values)] for values in diagonals]
+    transfer = score[-1, :-1] - np.diagonal(score)[:-1]
+    past = np.where(np.tri(size, dtype=bool) & ~np.isnan(score), score, np.inf).min(axis=1)
+    worst = np.where(np.isfinite(past), past, np.nan)
+    return Forgetting(
+        lag=lags,
+        profile=np.asarray([_mean(values) for values in diagonals]),
+        pairs=np.asarray([len(values) for values in diagonals], dtype=int),
+        backward_transfer=_mean(transfer[~np.isnan(transfer)]),
+        worst_past=worst,
+        final_worst=float(worst[-1]),
+    )
+
+
+def home_and_away(result: TournamentResult, defender: int) -> tuple[float, float]:
+    """Mean score of one defender (index) at home, against its own run's attackers, and away, against other runs'.
+
+    Each opposing run weighs the same; scripted pilots are neither. NaN where nobody was met.
+    """
+    rate = score_rate(result)[defender]
+    home, away = [], []
+    for run, members in _by_run(result.attackers).items():
+        met = rate[list(members.values())]
+        met = met[~np.isnan(met)]
+        if len(met):
+            (home if run == result.defenders[defender].lineage else away).append(met.mean())
+    return _mean(np.asarray(home)), _mean(np.asarray(away))
+
+
+def _by_run(entrants: Sequence[Entrant]) -> dict[str, dict[int, int]]:
+    """For each run its entrants' indices by chunk, in order of chunk."""
+    runs: dict[str, dict[int, int]] = {}
+    for index, entrant in sorted(enumerate(entrants), key=lambda pair: pair[1].chunk):
+        if entrant.lineage:
+            runs.setdefault(entrant.lineage, {})[entrant.chunk] = index
+    return runs
+
+
+def _mean(values: NDArray) -> float:
+    return float(values.mean()) if values.size else float("nan")

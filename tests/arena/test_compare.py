@@ -1,0 +1,172 @@
+"""Does one method's final defender beat another's?"""
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.special import expit
+from tournaments import build, entrants, from_letters, from_rates
+
+from dronecombat_jax.arena.compare import compare_methods, elo_of_score, equivalence, pigeonhole_interval, welch
+from dronecombat_jax.arena.panel import Panel, additive_scores, away_panel
+from dronecombat_jax.types import Cause
+
+METHODS = ("ippo", "s-ippo")
+NAN = np.nan
+
+
+def cross_play(gap, seed=0, seeds=6, weaker_attackers=0.0, spread=0.15, episodes=200):
+    """`seeds` runs of each method with two chunks each, and pilots; the second method's defenders are `gap` better."""
+    rng = np.random.default_rng(seed)
+    defenders, attackers = entrants("d", seeds, 2, METHODS, 1), entrants("a", seeds, 2, METHODS, 2)
+    lift = {one.lineage: rng.normal(gap * (one.method == "s-ippo"), spread) for one in defenders}
+    weak = {one.lineage: rng.normal(weaker_attackers * (one.method == "s-ippo"), spread) for one in attackers}
+    x = np.asarray([[lift[one.lineage] + weak[other.lineage] for other in attackers] for one in defenders])
+    return from_rates(expit(x), episodes, seed, defenders=defenders, attackers=attackers)
+
+
+def panel_of(table, methods):
+    """A panel of one attacker a run and no pilots."""
+    names = tuple(f"{method}-{index}" for index, method in enumerate(methods))
+    ones, score = np.ones(len(names)), np.nanmean(table, axis=1)
+    seeds = tuple(range(len(names)))
+    return Panel(names, tuple(methods), seeds, seeds, score, score, ones, table, names, tuple(methods), ones, (), ())
+
+
+def test_the_panel_is_the_final_and_every_tenth_attacker_of_the_others_and_the_pilots():
+    defenders, attackers = entrants("d", 2, 12), entrants("a", 2, 12, scripted=1)
+    cause = np.full((24, 25, 1), Cause.TIMEOUT, np.int8)
+    final = 11  # of run 0: it beats the other's tenth and the pilot, loses to the other's final, draws else
+    cause[final, 12 + 9] = cause[final, 24] = Cause.INTERCEPT
+    cause[final, 12 + 11] = Cause.REACHED
+    cause[final, 11] = Cause.INTERCEPT  # its own: must not count
+    panel = away_panel(build(cause, defenders, attackers))
+    assert panel.runs == ("ippo#0", "ippo#1")
+    np.testing.assert_allclose(panel.score, [2 / 3, 0.5])
+    assert panel.fights.tolist() == [3, 3]
+    assert panel.groups == ("", "ippo#0", "ippo#1")
+    assert panel.weights.tolist() == [1, 2, 2]
+    np.testing.assert_allclose(panel.table, [[1, NAN, 0.5], [0.5, 0.5, NAN]])
+
+
+def test_missing_runs_are_named_and_a_missing_attacker_leaves_the_panel_common():
+    defenders, attackers = entrants("d", 4, 1), entrants("a", 4, 1)
+    rows = [["ww", "dd", "ll", "ww"], ["ww", "ww", "ll", "ww"], ["..", "..", "..", ".."], ["ww", "ww", "..", "ww"]]
+    result = from_letters(rows)._replace(defenders=tuple(defenders), attackers=tuple(attackers))
+    panel = away_panel(result)
+    assert panel.missing == (("ippo#2", "ippo"),)
+    assert panel.dropped == ("a-ippo-2-1",)
+    assert panel.runs == ("ippo#0", "ippo#1", "ippo#3")
+    np.testing.assert_allclose(panel.score, [0.75, 1.0, 1.0])
+
+
+def test_seven_of_eight_seeds_are_compared_and_the_eighth_is_reported():
+    result = cross_play(2.0, seeds=4)
+    gone = [index for index, one in enumerate(result.defenders) if one.lineage == "ippo#3"]
+    cause = result.cause.copy()
+    cause[gone] = Cause.NONE
+    (told,) = compare_methods(build(cause, result.defenders, result.attackers))
+    assert told.seeds == (3, 4)
+    assert told.missing == ("ippo#3",)
+    assert told.verdict == "s-ippo beats ippo"
+    assert told.p_value == pytest.approx(1 / 35)
+
+
+def test_a_planted_difference_is_found_with_its_size():
+    (told,) = compare_methods(cross_play(0.8))
+    assert (told.first, told.second) == METHODS
+    assert told.score.high < 0 and told.new_attackers[1] < 0
+    assert told.p_value <= 0.01 and told.adjusted_p == told.p_value and told.exact
+    assert told.elo.low < -0.8 * 173.7 < told.elo.high
+    assert told.effect < -1.5
+    assert told.equivalence_p > 0.5
+    assert told.verdict == "s-ippo beats ippo"
+    assert told.fights == 200 * 13  # 11 other runs' finals and 2 pilots
+
+
+def test_equal_methods_are_called_equivalent_only_when_that_is_shown():
+    (told,) = compare_methods(cross_play(0.0, seed=1, spread=0.01, episodes=400))
+    assert told.verdict == "ippo and s-ippo are equivalent within 25 Elo"
+    assert told.equivalence_p < 0.05 < told.p_value
+    (told,) = compare_methods(cross_play(0.0, seed=1, spread=0.6))
+    assert told.verdict == "undecided between ippo and s-ippo"
+
+
+def test_several_methods_are_corrected_for_their_number():
+    defenders, attackers = entrants("d", 4, 1, ("a", "b", "c")), entrants("a", 4, 1, ("a", "b", "c"))
+    x = np.repeat([0.0, 0.0, 3.0], 4)[:, None] + np.random.default_rng(0).normal(0, 0.1, (12, 1)) + np.zeros(12)
+    told = compare_methods(from_rates(expit(x), 300, 0, defenders=defenders, attackers=attackers))
+    assert [(one.first, one.second) for one in told] == [("a", "b"), ("a", "c"), ("b", "c")]
+    assert told[1].p_value == pytest.approx(2 / 70)
+    assert told[1].adjusted_p == pytest.approx(6 / 70)  # the least of three
+    assert told[1].verdict == "undecided between a and c"  # 4 seeds a method cannot carry three pairs
+    with pytest.raises(ValueError, match="'nobody'"):
+        compare_methods(cross_play(0.0), ["ippo", "nobody"])
+
+
+def test_the_order_of_entrants_does_not_matter():
+    result = cross_play(0.3)
+    rng = np.random.default_rng(0)
+    rows, columns = rng.permutation(len(result.defenders)), rng.permutation(len(result.attackers))
+    other = build(
+        result.cause[np.ix_(rows, columns)],
+        [result.defenders[one] for one in rows],
+        [result.attackers[one] for one in columns],
+    )
+    assert compare_methods(result) == compare_methods(other)
+
+
+def test_welch_and_equivalence_agree_with_scipy():
+    rng = np.random.default_rng(1)
+    first, second = rng.normal(10, 20, 8), rng.normal(0, 45, 7)
+    theirs = stats.ttest_ind(first, second, equal_var=False)
+    interval = theirs.confidence_interval(0.95)
+    ours = welch(first, second)
+    assert (ours.low, ours.high) == pytest.approx((interval.low, interval.high))
+    above = stats.ttest_ind(first + 25, second, equal_var=False, alternative="greater")[1]
+    below = stats.ttest_ind(first - 25, second, equal_var=False, alternative="less")[1]
+    assert equivalence(first, second, 25.0) == pytest.approx(max(above, below))
+
+
+def test_one_seed_or_no_spread_gives_no_false_interval():
+    assert np.isnan(welch(np.array([1.0]), np.array([0.0, 1.0])).low)
+    assert np.isnan(equivalence(np.array([1.0]), np.array([1.0])))
+    assert welch(np.ones(3), np.zeros(3))[:2] == (1.0, 0.0)
+    assert equivalence(np.ones(3), np.zeros(3), 2.0) == 0
+    assert equivalence(np.ones(3), np.zeros(3), 0.5) == 1
+    (told,) = compare_methods(cross_play(0.5, seeds=1))
+    assert told.p_value == 1 and np.isnan(told.score.low) and np.isnan(told.new_attackers).all()
+    assert told.verdict.startswith("undecided")
+
+
+def test_unequal_attackers_bias_the_plain_mean_and_not_the_adjusted_one():
+    # Additive and without noise: the second method's attackers give 0.2 more away. Each method has 3 runs, so the
+    # first's defenders meet 2 strong and 3 weak (0.12 on average), the second's 3 and 2 (0.08).
+    table = 0.5 + np.tile(np.repeat([0.0, 0.2], 3), (6, 1))
+    np.fill_diagonal(table, NAN)
+    plain = np.nanmean(table, axis=1)
+    assert plain[:3].mean() - plain[3:].mean() == pytest.approx(0.2 / (2 * 3 - 1))
+    np.testing.assert_allclose(additive_scores(table, np.ones(6)), 0.6)
+
+
+def test_the_interval_for_new_attackers_covers_where_the_seeds_interval_does_not():
+    # The methods differ only in whom they suit: against a new set of attackers the difference is 0 on average.
+    rng = np.random.default_rng(2)
+    methods = ["a"] * 6 + ["b"] * 6
+    pigeonhole, seeds = [], []
+    for draw in range(150):
+        suits = np.where(np.arange(12) < 6, 1.0, -1.0)[:, None] * rng.normal(0, 0.1, 12)
+        table = 0.5 + suits + rng.normal(0, 0.03, (12, 12)) + rng.normal(0, 0.03, (12, 1))
+        np.fill_diagonal(table, NAN)
+        panel = panel_of(table, methods)
+        low, high = pigeonhole_interval(panel, "a", "b", 300, draw)
+        pigeonhole.append(low < 0 < high)
+        plain = welch(panel.score[:6], panel.score[6:])
+        seeds.append(plain.low < 0 < plain.high)
+    assert 0.9 <= np.mean(pigeonhole) <= 0.995
+    assert np.mean(seeds) < 0.8
+
+
+def test_elo_of_a_score_by_hand():
+    # 10 wins in 11 are 10 to 1: 400 points. With half a fight added on both sides 9.5 in 10 become 10 in 11.
+    assert elo_of_score(np.array(0.95), np.array(10)) == pytest.approx(400.0)
+    assert np.isfinite(elo_of_score(np.array([0.0, 1.0]), np.array([5, 5]))).all()

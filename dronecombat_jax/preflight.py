@@ -149,6 +149,13 @@ def _run(config: Config) -> Iterator[Problem]:
             ("train.seed", "train.num_seeds"),
             f"the last seed, train.seed + train.num_seeds - 1 = {last}, must be at most {2**31 - 1}",
         )
+    iterations = config.num_chunks * config.train.chunk_iterations
+    if iterations > 2**31 - 1:  # the program counts them in an int32
+        yield Problem(
+            ("train.total_steps", "train.num_envs", "learn.rollout_steps"),
+            f"train.total_steps = {config.train.total_steps} are {iterations} iterations of "
+            f"{config.steps_per_iteration} environment steps; they must be at most {2**31 - 1}",
+        )
 
 
 def _nearest_batches(config: Config) -> str:

@@ -55,7 +55,17 @@ def load(
     except UserError as error:
         errors += error.message.splitlines()
     given |= {key: Given(value, flag(key)) for key, value in (overrides or {}).items()}
-    errors += check(given, SCHEMA)
+    return _checked(given, errors, check_memory)
+
+
+def from_toml(text: str, source: str) -> Config:
+    """The configuration that `to_toml` once wrote as `text`; `source` opens the messages. Raises UserError as `load`."""
+    return _checked(_values(text, source), [], check_memory=False)
+
+
+def _checked(given: Mapping[str, Given], errors: list[str], check_memory: bool) -> Config:
+    """The configuration of `given` over the defaults, or a UserError of `errors` and whatever else is wrong."""
+    errors = [*errors, *check(given, SCHEMA)]
     if errors:
         raise UserError("\n".join(errors))
     config: Config = build(Config, {key: SCHEMA[key].normal(item.value) for key, item in given.items()})
@@ -83,13 +93,17 @@ def check(given: Mapping[str, Given], schema: Mapping[str, Setting]) -> list[str
 
 def read(path: Path) -> dict[str, Given]:
     """The values in a TOML file by dotted key, unchecked; UserError where it is not TOML or too large."""
-    text = _text_of(path)
+    return _values(_text_of(path), str(path))
+
+
+def _values(text: str, source: str) -> dict[str, Given]:
+    """The values in the TOML document `text` by dotted key."""
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise UserError(_syntax_error(path, error)) from None
+        raise UserError(_syntax_error(source, error)) from None
     if not document:
-        raise UserError(f"{path}: the file is empty; it needs at least one section such as [train]")
+        raise UserError(f"{source}: the file is empty; it needs at least one section such as [train]")
     lines = _lines_of(text)
     values: dict[str, Given] = {}
     for name, content in document.items():
@@ -97,7 +111,7 @@ def read(path: Path) -> dict[str, Given]:
         entries = {f"{name}.{key}": value for key, value in content.items()} if known else {name: content}
         for key, value in entries.items():
             line = lines.get(key) or lines.get(name)
-            values[key] = Given(value, f"{path}:{line}" if line else str(path))
+            values[key] = Given(value, f"{source}:{line}" if line else source)
     return values
 
 
@@ -201,7 +215,7 @@ def _text_of(path: Path) -> str:
         raise UserError(f"{path}:{line}: not UTF-8 (byte 0x{data[error.start]:02x})") from None
 
 
-def _syntax_error(path: Path, error: BaseException) -> str:
+def _syntax_error(path: str, error: BaseException) -> str:
     """One line for a parser's error, with the line number that Python hides in its text."""
     if isinstance(error, RecursionError):
         return f"{path}: not valid TOML: nested too deeply"

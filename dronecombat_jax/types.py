@@ -19,7 +19,10 @@ OBSERVATION_SIZE = 35
 
 
 class Cause(IntEnum):
-    """Why a fight ended; the order is the precedence of simultaneous events but for DIVERGED, which tops all."""
+    """Why a fight ended. Of simultaneous events DIVERGED comes first, then invalid actions, then the others in order.
+
+    The numbers are stored in files: new causes go to the end.
+    """
 
     NONE = 0
     INTERCEPT = 1
@@ -29,6 +32,9 @@ class Cause(IntEnum):
     BOTH_CRASH = 5
     TIMEOUT = 6
     DIVERGED = 7
+    DEFENDER_INVALID = 8  # its action was not finite
+    ATTACKER_INVALID = 9
+    BOTH_INVALID = 10
 
 
 class Outcome(IntEnum):
@@ -159,7 +165,7 @@ class UpdateMetrics(NamedTuple):
 class IterationMetrics(NamedTuple):
     """What one iteration reports."""
 
-    causes: jax.Array  # [8] fights ended by each `Cause`
+    causes: jax.Array  # [len(Cause)] fights ended by each `Cause`
     crashes: jax.Array  # [A] ended fights in which that drone had gone down
     episode_steps: jax.Array  # [] sum over ended fights, control steps
     reward_terms: RewardTerms  # each [A], mean per step

@@ -37,7 +37,8 @@ def rooms(monkeypatch, tmp_path):
     stand_in(dronecombat_jax, "backend", prepare=record("prepare"))
     stand_in(dronecombat_jax, "doctor", doctor=record("doctor", 2))
     stand_in(runs, "training", train=record("train", EXIT_STOPPED))
-    stand_in(runs, "evaluation", evaluate=record("evaluate"))
+    match = lambda *asked: ("match", *asked)
+    stand_in(runs, "evaluation", evaluate=record("evaluate"), Match=match)
     monkeypatch.chdir(tmp_path)
     return SimpleNamespace(calls=calls, stand_in=stand_in)
 
@@ -205,10 +206,16 @@ def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
     assert cli.main(["evaluate", "elsewhere", "--fights", "3", "--chunk", "0", "--seed", "9", "--stochastic"]) == 0
     assert rooms.calls == [
         ("prepare", "auto"),
-        ("evaluate", Path("runs/mine"), 256, {"chunk": None, "seed": 0, "stochastic": False}),
+        ("evaluate", Path("runs/mine"), ("match", 256, 0, False, "", "", ""), None),
         ("prepare", "auto"),
-        ("evaluate", Path("elsewhere"), 3, {"chunk": 0, "seed": 9, "stochastic": True}),
+        ("evaluate", Path("elsewhere"), ("match", 3, 9, True, "", "", ""), 0),
     ]
+
+
+def test_evaluate_puts_a_scripted_pilot_in_one_place(rooms, tmp_path):
+    (tmp_path / "runs" / "mine").mkdir(parents=True)
+    assert cli.main(["evaluate", "mine", "--attacker", "dash", "--spawn", "fixed"]) == 0
+    assert rooms.calls[1] == ("evaluate", Path("runs/mine"), ("match", 256, 0, False, "", "dash", "fixed"), None)
 
 
 @pytest.mark.parametrize(

@@ -358,6 +358,8 @@ def test_windows_line_ends_are_fine(toml):
         ({"run.name": "a" * 101}, "--run.name: ", "at most 100"),
         ({"run.directory": ""}, "--run.directory: ", "must not be empty"),
         ({"train.seed": 2**31 - 1, "train.num_seeds": 2}, "--train.seed: ", "at most 2147483647"),
+        # 10^12 steps of 24 * 6 are 6.9 * 10^9 iterations
+        ({"train.total_steps": 10**12, "train.num_envs": 6}, "--train.total-steps: ", "at most 2147483647"),
         ({"train.num_envs": 10**6, "train.num_seeds": 1024}, "--train.num-envs: ", "of memory, and this machine has 8 GiB"),
         ({"learn.hidden_sizes": (8192,) * 16}, "--learn.hidden-sizes: ", "GiB of memory"),
     ],

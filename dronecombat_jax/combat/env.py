@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.observe import observe_ego, observe_world
 from dronecombat_jax.combat.reward import reward_terms, total
-from dronecombat_jax.combat.rules import detect, judge, timeout_decides
+from dronecombat_jax.combat.rules import detect, forfeit, judge, timeout_decides
 from dronecombat_jax.config import Config
 from dronecombat_jax.sim.flight import build_step, split
 from dronecombat_jax.sim.scene import Scene, load_scene
@@ -74,10 +74,13 @@ class Combat:
 
         A state that is not finite ends this fight alone, as a draw with reward 0 (cause DIVERGED), at
         rest where it last was: its final observation is finite and cannot spoil a running mean.
+        A drone that still flies and whose action is not finite loses the fight (cause .._INVALID), with
+        reward 0 for both: it flies on 0 in place of what was not finite. Finite actions are clipped.
         """
         game = self.config.game
         before = split(state.qpos, state.qvel)
-        qpos, qvel = self._fly(state.qpos, state.qvel, action)
+        invalid = ~jnp.all(jnp.isfinite(action), axis=-1) & ~state.out
+        qpos, qvel = self._fly(state.qpos, state.qvel, jnp.where(jnp.isfinite(action), action, 0.0))
         sane = _sane(qpos) & _sane(qvel)
         qpos = jnp.where(sane & ~jnp.repeat(state.out, 7), qpos, _tame(state.qpos))
         qvel = jnp.where(sane & ~jnp.repeat(state.out, 6), qvel, 0.0)
@@ -85,9 +88,10 @@ class Combat:
         clock = state.clock + 1
 
         events = detect(game, before.position, drones.position, state.target, state.out, clock)
-        cause = jnp.where(sane, judge(game, events), jnp.int32(Cause.DIVERGED))
+        cause = jnp.where(jnp.any(invalid), forfeit(invalid), judge(game, events))
+        cause = jnp.where(sane, cause, jnp.int32(Cause.DIVERGED))
         terms = reward_terms(self.config, drones, state.target, events, state.out, cause)
-        terms = jax.tree.map(lambda term: jnp.where(sane, term, 0.0), terms)
+        terms = jax.tree.map(lambda term: jnp.where(sane & ~jnp.any(invalid), term, 0.0), terms)
 
         # A drone that goes down stays where it is, at rest.
         down = jnp.where(sane, events.down, state.out)

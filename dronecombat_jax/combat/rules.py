@@ -75,6 +75,14 @@ def judge(game: GameConfig, events: Events) -> jax.Array:
     return cause
 
 
+def forfeit(invalid: jax.Array) -> jax.Array:
+    """The `Cause` [] int32 by which the sides that gave an `invalid` [A] action lose the fight; NONE where none did."""
+    defender, attacker = invalid[DEFENDER], invalid[ATTACKER]
+    one = jnp.where(attacker, jnp.int32(Cause.ATTACKER_INVALID), jnp.int32(Cause.NONE))
+    other = jnp.where(attacker, jnp.int32(Cause.BOTH_INVALID), jnp.int32(Cause.DEFENDER_INVALID))
+    return jnp.where(defender, other, one)
+
+
 def timeout_decides(game: GameConfig) -> bool:
     """Whether running out of time decides the fight (then it terminates rather than truncates)."""
     return game.timeout_rule == "defender"
@@ -88,5 +96,7 @@ def outcome_table(game: GameConfig) -> tuple[Outcome, ...]:
         Cause.DEFENDER_CRASH: Outcome.ATTACKER,
         Cause.ATTACKER_CRASH: Outcome.DEFENDER,
         Cause.TIMEOUT: Outcome.DEFENDER if timeout_decides(game) else Outcome.DRAW,
+        Cause.DEFENDER_INVALID: Outcome.ATTACKER,
+        Cause.ATTACKER_INVALID: Outcome.DEFENDER,
     }
     return tuple(table.get(cause, Outcome.DRAW) for cause in Cause)

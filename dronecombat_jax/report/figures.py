@@ -25,12 +25,17 @@ ROLE_COLOURS = {"defender": "#0072B2", "attacker": "#D55E00", "draw": "#7F7F7F"}
 OUTCOMES = {
     "intercept": ("intercepted", "#0072B2"),
     "attacker_crash": ("attacker crashed", "#7CC2EA"),
+    "attacker_invalid": ("attacker's action invalid", "#003A5C"),
     "timeout": ("time-out", "#D9D9D9"),
     "both_crash": ("both crashed", "#9C9C9C"),
     "diverged": ("diverged", "#4D4D4D"),
+    "both_invalid": ("both actions invalid", "#000000"),
+    "defender_invalid": ("defender's action invalid", "#6B2F00"),
     "defender_crash": ("defender crashed", "#F5C36B"),
     "reached": ("target reached", "#D55E00"),
 }
+# What a sound run never shows is named only where it happened.
+FAULTS = ("diverged", "both_invalid", "defender_invalid", "attacker_invalid")
 _SHARE = "share of ended fights"
 PANELS = {  # name of the records' keys: heading, what the axis counts, logarithmic
     "win": ("Who wins", _SHARE, False),
@@ -67,7 +72,7 @@ def learning_curves(records: Sequence[Mapping[str, Any]], path_png: Path, title:
     names = list(PANELS)
     mosaic: list[Any] = [["outcome", "outcome", *names[:2]], names[2:6], names[6:]]
     axes = figure.subplot_mosaic(mosaic)
-    _draw_outcomes(axes["outcome"], curves)
+    draw_outcomes(axes["outcome"], curves)
     for name, (heading, unit, log) in PANELS.items():
         _draw_lines(axes[name], curves, _lines(name))
         _finish(axes[name], heading, unit, share=unit == _SHARE, log=log)
@@ -79,7 +84,7 @@ def learning_curves(records: Sequence[Mapping[str, Any]], path_png: Path, title:
     seeds = "seed" if len(curves.seeds) == 1 else f"{len(curves.seeds)} seeds:"
     listed = ", ".join(map(str, curves.seeds[:10])) + (", ..." if len(curves.seeds) > 10 else "")
     figure.suptitle(f"{title}  ({seeds} {listed})", fontsize=16)
-    _save(figure, Path(path_png))
+    save_figure(figure, Path(path_png))
 
 
 def gather(records: Sequence[Mapping[str, Any]]) -> Curves:
@@ -134,12 +139,15 @@ def _mean_over_seeds(values: np.ndarray) -> np.ndarray:
     return _bin_means(values.T, np.ones(values.T.shape), values.shape[0])[:, 0]
 
 
-def _draw_outcomes(ax: Axes, curves: Curves) -> None:
+def draw_outcomes(ax: Axes, curves: Curves, legend: bool = True) -> None:
     """How fights end, stacked; bins in which none ended are bridged."""
-    shares = np.array([_mean_over_seeds(curves.values[f"outcome/{name}"]) for name in OUTCOMES])
+    stack = {name: _mean_over_seeds(curves.values[f"outcome/{name}"]) for name in OUTCOMES}
+    stack |= {name: np.nan_to_num(stack[name]) for name in FAULTS}  # older records do not have them all
+    stack = {name: share for name, share in stack.items() if name not in FAULTS or share.any()}
+    shares = np.array(list(stack.values()))
     known = np.isfinite(shares).all(axis=0)
     steps, shares = curves.steps[known], shares[:, known]
-    labels, colours = zip(*OUTCOMES.values(), strict=True)
+    labels, colours = zip(*(OUTCOMES[name] for name in stack), strict=True)
     if len(steps) == 1:  # a stack of one point has no area
         bottoms = np.cumsum(shares[:, 0]) - shares[:, 0]
         for share, bottom, label, colour in zip(shares[:, 0], bottoms, labels, colours, strict=True):
@@ -147,7 +155,7 @@ def _draw_outcomes(ax: Axes, curves: Curves) -> None:
     elif len(steps):
         ax.stackplot(steps, shares, labels=labels, colors=colours, linewidth=0)
     _finish(ax, "How fights end", "share of ended fights", share=True, legend=False)
-    if len(steps):
+    if legend and len(steps):
         handles, names = ax.get_legend_handles_labels()
         ax.set_title("How fights end", fontsize=12, pad=24)
         ax.legend(
@@ -203,7 +211,7 @@ def _finish(ax: Axes, heading: str, unit: str, *, share: bool = False, log: bool
         ax.text(0.5, 0.5, "nothing measured", transform=ax.transAxes, ha="center", va="center", color="#777777")
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
     """Write the PNG and a PDF beside it, each whole or not at all."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -38,6 +38,9 @@ CAPTIONS: dict[Cause, tuple[str, tuple[float, ...]]] = {
     Cause.BOTH_CRASH: ("Both drones crash", _NEUTRAL),
     Cause.TIMEOUT: ("Time runs out", _NEUTRAL),
     Cause.DIVERGED: ("The simulation diverged", _NEUTRAL),
+    Cause.DEFENDER_INVALID: ("Defender's action is not a number", TEAM_COLOURS[ATTACKER]),
+    Cause.ATTACKER_INVALID: ("Attacker's action is not a number", TEAM_COLOURS[DEFENDER]),
+    Cause.BOTH_INVALID: ("Both actions are not numbers", _NEUTRAL),
 }
 
 

@@ -1,7 +1,7 @@
 """Learning curves on disk: `metrics.jsonl`, one JSON object per iteration, and TensorBoard events.
 
 The JSON lines are the record, TensorBoard a view of it. Numbers go in as they are; NaN and infinity
-become null. What the keys mean is decided by `training`.
+become null. What the keys mean is decided by `records`, and for `chunks.jsonl`, by `chunks`.
 """
 
 import json
@@ -134,9 +134,11 @@ def _scan(path: Path) -> tuple[list[tuple[Record, bytes]], list[int], bool]:
 
 
 def _plain(key: str, value: Any) -> Any:
-    """A JSON scalar: NumPy's and JAX's scalars become Python's, NaN and infinity become None."""
+    """A JSON scalar or a list of them: NumPy's and JAX's become Python's, NaN and infinity become None."""
     if value is None or isinstance(value, str | bool):
         return value
+    if isinstance(value, list):
+        return [_plain(key, item) for item in value]
     if isinstance(value, numbers.Integral):
         return int(value)
     if getattr(value, "shape", ()) != ():

@@ -3,6 +3,8 @@
 import math
 from typing import Any
 
+import numpy as np
+
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config import Config
 from dronecombat_jax.runs.progress import ProgressUpdate
@@ -14,14 +16,27 @@ ENDINGS = tuple(cause for cause in Cause if cause != Cause.NONE)
 def records(config: Config, report: IterationMetrics, first_iteration: int) -> list[dict[str, Any]]:
     """One record per iteration and seed, rising; leaves of `report` are NumPy [S, I, ...].
 
-    Shares are of the fights that ended in the iteration and NaN where none did.
+    Shares are of the fights that ended in the iteration and NaN where none did. What an agent reports of
+    its learning is None where it did not learn.
     """
     seeds, iterations = report.causes.shape[:2]
+    learning = learning_agents(config, report, first_iteration)
     return [
-        _record(config, _pick(report, seed, i), first_iteration + i, config.train.seed + seed)
+        _record(config, _pick(report, seed, i), first_iteration + i, config.train.seed + seed, learning[seed, i])
         for i in range(iterations)
         for seed in range(seeds)
     ]
+
+
+def learning_agents(config: Config, report: IterationMetrics, first_iteration: int) -> np.ndarray:
+    """Which agents learnt, [S, I, A] bool: not a defender that waits, nor a role that was played by its past."""
+    from dronecombat_jax.selfplay.chunk import waits
+
+    frozen = np.asarray(report.frozen)  # [S, I]
+    learning = np.arange(len(ROLES)) != frozen[..., None]
+    iterations = first_iteration + np.arange(frozen.shape[1])
+    learning[..., DEFENDER] &= ~np.asarray(waits(config, iterations))  # pyright: ignore[reportArgumentType]
+    return learning
 
 
 def progress_update(config: Config, report: IterationMetrics, iterations_done: int) -> ProgressUpdate:
@@ -41,14 +56,21 @@ def progress_update(config: Config, report: IterationMetrics, iterations_done: i
     )
 
 
-def _record(config: Config, report: IterationMetrics, iteration: int, seed: int) -> dict[str, Any]:
+def _record(
+    config: Config, report: IterationMetrics, iteration: int, seed: int, learning: np.ndarray
+) -> dict[str, Any]:
     episodes = int(report.causes.sum())
     wins = _wins(config, report.causes)
+    diverged, is_frozen = int(report.causes[Cause.DIVERGED]), int(report.frozen) >= 0
     record: dict[str, Any] = {
         "iteration": iteration + 1,
         "steps": (iteration + 1) * config.steps_per_iteration,
         "seed": seed,
         "chunk": iteration // config.train.chunk_iterations + 1,
+        "frozen": int(report.frozen) if is_frozen else None,
+        "opponent": float(report.opponent) if is_frozen else None,
+        "diverged": diverged,
+        "diverged_environments": diverged / config.train.num_envs,
         "episodes": episodes,
         "episode_steps": _share(report.episode_steps, episodes),
     }
@@ -59,8 +81,8 @@ def _record(config: Config, report: IterationMetrics, iteration: int, seed: int)
         terms = {name: float(term[agent]) for name, term in report.reward_terms._asdict().items()}
         record |= {f"reward/{role}/{name}": value for name, value in terms.items()}
         record[f"return/{role}"] = sum(terms.values()) * record["episode_steps"]
-        learner = report.learners._asdict()
-        record |= {f"{name}/{role}": float(value[agent]) for name, value in learner.items()}
+        learner = report.learners._asdict().items()
+        record |= {f"{name}/{role}": float(value[agent]) if learning[agent] else None for name, value in learner}
     return record
 
 

@@ -5,81 +5,72 @@ host writes metrics, answers signals and, at a chunk's end, saves. A run that wa
 on with the same command, bit for bit.
 """
 
-import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from dronecombat_jax import settings
 from dronecombat_jax.config import Config
-from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_DATA, EXIT_DIVERGED, EXIT_STOPPED, UserError
-from dronecombat_jax.runs import checkpoint
+from dronecombat_jax.errors import EXIT_DIVERGED, EXIT_STOPPED, UserError
+from dronecombat_jax.runs import fork
 from dronecombat_jax.runs.atomic import write_atomic
+from dronecombat_jax.runs.chunks import ChunkLog
+from dronecombat_jax.runs.claim import claim_run
+from dronecombat_jax.runs.guards import Watch, device_errors, write_dump
 from dronecombat_jax.runs.metrics import MetricsWriter, truncate_after
 from dronecombat_jax.runs.progress import Progress, make_progress
+from dronecombat_jax.runs.provenance import check_meta
 from dronecombat_jax.runs.records import progress_update, records
-from dronecombat_jax.runs.rundir import RunDirectory, claim_run, rescue_run, still_there
+from dronecombat_jax.runs.resume import Start, find_start, restored_state
+from dronecombat_jax.runs.rundir import RunDirectory, run_path
+from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.runs.signals import StopFlag, stop_signals
 
 # A program call is a few iterations: short enough to answer a signal within seconds on a laptop.
 MAX_CALL_ITERATIONS = 5
-
-# Settings that may change when a run goes on; every other one makes it a different run.
-MAY_CHANGE = ("train.total_steps", "run.")
+LONGEST_CALL_ITERATIONS = 15  # rather than single iterations, whose calls a fast device would wait for
 
 Advance = Callable[[Any], tuple[Any, Any]]
 
 
-def train(config: Config) -> int:
+def train(config: Config, fork_of: str | None = None, chunk: int | None = None) -> int:
     """Train, or go on with, the run that `config.run` names; returns an exit code.
 
+    `fork_of`: a run in the same folder; a new run begins from its checkpoint of `chunk` (None: the newest).
     0: done; 75: stopped by a signal and saved. Raises UserError: 2 where the directory holds another
     run, 73 where it cannot be written, 3 for checkpoints that cannot be used, 4 where training diverged.
     """
+    source = None if fork_of is None else RunDirectory(run_path(config.run.directory, fork_of))
+    forked = None if source is None else fork.fork_start(source, chunk, config)
     with claim_run(config.run.directory, config.run.name) as run:
-        start = _last_iteration(run, config)
-        last = config.num_chunks * config.train.chunk_iterations
-        if start is not None and start >= last:
-            done = start * config.steps_per_iteration
+        start = find_start(run, config)
+        last = _last_iteration(config)
+        if start is not None and source is not None:
+            fork.check_origin(run, start, source)
+        if start is not None and start.iteration >= last:
+            done = start.iteration * config.steps_per_iteration
             print(f"run {run.name} is already complete: {done:,} environment steps per seed in {run.path}", flush=True)
             return 0
+        start = start or forked
         write_atomic(run.config, settings.to_toml(config))
         _greet(run, config, start)
-        total = last * config.steps_per_iteration * config.train.num_seeds
-        done = (start or 0) * config.steps_per_iteration * config.train.num_seeds
-        with make_progress(run.name, total, done) as progress, _stopping(progress) as stop:
-            state, advance = _prepare(run, config, start, progress)
-            return _run_chunks(run, config, state, advance, progress, stop)
+        iteration = start.iteration if start else 0
+        steps = config.steps_per_iteration * config.train.num_seeds
+        with make_progress(run.name, last * steps, iteration * steps) as progress, _stopping(progress) as stop:
+            saver = Saver(run, config, progress, _inherited(start, source))
+            with device_errors():
+                return _run(run, config, start, saver, stop)
 
 
 def call_iterations(config: Config) -> int:
-    """Iterations per program call: the largest divisor of a chunk that is at most 5."""
-    return next(n for n in range(MAX_CALL_ITERATIONS, 0, -1) if config.train.chunk_iterations % n == 0)
+    """Iterations per program call: the largest divisor of a chunk up to 5; above 5 where that would be 1 or 2."""
+    chunk = config.train.chunk_iterations
+    divisors = [n for n in range(1, LONGEST_CALL_ITERATIONS + 1) if chunk % n == 0]
+    short, long = [n for n in divisors if n <= MAX_CALL_ITERATIONS], [n for n in divisors if n > MAX_CALL_ITERATIONS]
+    return long[0] if long and short[-1] <= 2 else short[-1]
 
 
-def _last_iteration(run: RunDirectory, config: Config) -> int | None:
-    """Where the run in this directory stopped; None for a new one. Needs no JAX."""
-    if not run.config.exists():
-        if checkpoint.steps(run.checkpoints):
-            raise UserError(
-                f"{run.config} is missing, though {run.checkpoints} holds checkpoints; choose another --name", EXIT_DATA
-            )
-        return None
-    stored = settings.load(run.config, {})
-    changed = [row for row in settings.diff(stored, config) if not row[0].startswith(MAY_CHANGE)]
-    if changed:
-        listed = "; ".join(f"{key} was {old!r}, now {new!r}" for key, old, new in changed)
-        raise UserError(
-            f"run {run.path} was made with other settings: {listed}. Choose another --name, or the old settings",
-            EXIT_CONFIG,
-        )
-    return checkpoint.latest(run.checkpoints)
-
-
-def _greet(run: RunDirectory, config: Config, start: int | None) -> None:
+def _greet(run: RunDirectory, config: Config, start: Start | None) -> None:
     from dronecombat_jax import backend
 
     print("\n".join(backend.banner()))
@@ -88,8 +79,21 @@ def _greet(run: RunDirectory, config: Config, start: int | None) -> None:
         f"run {run.path}: {config.train.num_seeds} seed(s) x {planned:,} environment steps "
         f"({config.num_chunks} chunks of {config.steps_per_chunk:,}), {config.train.num_envs} environments"
     )
-    if start is not None:
-        print(f"resuming after {start * config.steps_per_iteration:,} environment steps per seed", flush=True)
+    if start is None:
+        return
+    done = f"{start.iteration * config.steps_per_iteration:,} environment steps per seed"
+    if start.changed:
+        print(f"forked from {start.path} after {done}; changed:", *start.changed, sep="\n  ", flush=True)
+    else:
+        print(f"resuming after {done}", flush=True)
+
+
+def _inherited(start: Start | None, source: RunDirectory | None) -> dict[str, Any]:
+    """What every checkpoint of this run says of where it came from."""
+    if start is not None and start.changed and source is not None:
+        return {"forked": fork.origin(source, start)}
+    forked = start.meta.get("forked") if start is not None else None
+    return {"forked": forked} if forked else {}
 
 
 @contextmanager
@@ -99,107 +103,88 @@ def _stopping(progress: Progress) -> Iterator[StopFlag]:
         yield stop
 
 
-def _prepare(run: RunDirectory, config: Config, start: int | None, progress: Progress) -> tuple[Any, Advance]:
-    """The state to go on from, on the device, and the compiled program."""
+def _run(run: RunDirectory, config: Config, start: Start | None, saver: Saver, stop: StopFlag) -> int:
+    """Prepare, then advance until done or asked to stop; returns the exit code."""
+    state, compile_program = _prepare(run, config, start, saver)
+    iteration = int(state.iteration[0])
+    with (
+        ChunkLog(config, run.chunks, run.metrics, iteration) as chunks,
+        MetricsWriter(run.metrics, run.tensorboard, resume_steps=iteration * config.steps_per_iteration) as metrics,
+    ):
+        with chunks.timed("compile"), saver.progress.compiling("the training program"):
+            advance = compile_program(state)
+        iteration = _advance(config, state, advance, metrics, chunks, saver, stop)
+    if iteration == _last_iteration(config):
+        return 0
+    done = iteration * config.steps_per_iteration
+    saver.progress.message(f"stopped after {done:,} environment steps per seed; the same command goes on")
+    return EXIT_STOPPED
+
+
+def _prepare(
+    run: RunDirectory, config: Config, start: Start | None, saver: Saver
+) -> tuple[Any, Callable[[Any], Advance]]:
+    """The state to go on from, on the device and on the disk, and a function that compiles the program for it."""
     import jax
 
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.selfplay.chunk import build_advance, init_state
 
     combat = Combat(config)
-    init = jax.jit(lambda: init_state(combat))
     if start is None:
-        state = init()
-        truncate_after(run.metrics, -1)
-        _save(run, config, jax.device_get(state))  # before the compilation, which no signal can interrupt
+        state = jax.jit(lambda: init_state(combat))()
     else:
-        template = jax.eval_shape(init)
-        state = jax.device_put(
-            checkpoint.restore(
-                run.checkpoints,
-                start,
-                template,
-                hint="were learn.hidden_sizes, train.num_envs or train.num_seeds changed?",
-            )
-        )
-        truncate_after(run.metrics, start * config.steps_per_iteration)
-    with progress.compiling("the training program"):
-        program = jax.jit(build_advance(combat, call_iterations(config)), donate_argnums=0).lower(state).compile()
-    return state, program
+        for note in check_meta(start, config):
+            saver.progress.message(note)
+        state = (fork.forked_state if start.changed else restored_state)(start, config, combat)
+    if start is None or start.changed:
+        saver.save_now(jax.device_get(state))  # before the compilation, which no signal can interrupt
+    steps = int(state.iteration[0]) * config.steps_per_iteration if start else -1
+    for log in (run.metrics, run.chunks):
+        truncate_after(log, steps)
+    program = jax.jit(build_advance(combat, call_iterations(config)), donate_argnums=0)
+    return jax.device_put(state), lambda state: program.lower(state).compile()
 
 
-def _run_chunks(
-    run: RunDirectory, config: Config, state: Any, advance: Advance, progress: Progress, stop: StopFlag
+def _advance(
+    config: Config,
+    state: Any,
+    advance: Advance,
+    metrics: MetricsWriter,
+    chunks: ChunkLog,
+    saver: Saver,
+    stop: StopFlag,
 ) -> int:
-    """Advance until done or asked to stop; returns the exit code."""
+    """Call the program until all is done or a stop is asked for, and save; returns the iterations done."""
     import jax
 
-    iteration, last = int(state.iteration[0]), config.num_chunks * config.train.chunk_iterations
-    saver = _Saver(run, config, progress)
+    iteration, watch = int(state.iteration[0]), Watch(config)
     stopping = bool(stop)
-    with MetricsWriter(run.metrics, run.tensorboard, resume_steps=iteration * config.steps_per_iteration) as metrics:
-        while iteration < last and not stopping:
+    while iteration < _last_iteration(config) and not stopping:
+        with chunks.timed("program"):
             state, report = advance(state)
             report = jax.device_get(report)
-            for record in records(config, report, iteration):
-                metrics.write(record)
-            iteration += call_iterations(config)
-            progress.update(progress_update(config, report, iteration))
-            _refuse_divergence(config, report, iteration)
-            stopping = bool(stop)  # read once: what stops the loop must also have saved
-            if iteration % config.train.chunk_iterations == 0 or stopping:
-                metrics.sync()
-                saver.save(jax.device_get(state))
+        for record in records(config, report, iteration):
+            metrics.write(record)
+            chunks.add(record)
+        reason = watch.verdict(report, iteration)
+        iteration += call_iterations(config)
+        saver.progress.update(progress_update(config, report, iteration))
+        if reason:
+            kept = write_dump(saver.run, jax.device_get(state), report, iteration)
+            raise UserError(f"training diverged: {reason}; {kept}, and the last checkpoint is intact", EXIT_DIVERGED)
+        stopping = bool(stop)  # read once: what stops the loop must also have saved
+        ends_chunk = iteration % config.train.chunk_iterations == 0
+        if ends_chunk or stopping:
+            state_here = jax.device_get(state)
+            metrics.sync()
+            if ends_chunk:
+                chunks.write(state_here.selfplay)
+            with chunks.timed("saving"):
+                saver.save(state_here)
     saver.finish()
-    if iteration < last:
-        done = iteration * config.steps_per_iteration
-        progress.message(f"stopped after {done:,} environment steps per seed; the same command goes on")
-        return EXIT_STOPPED
-    return 0
+    return iteration
 
 
-class _Saver:
-    """Saves at chunk boundaries. A disk that refuses is forgiven once; a directory that has gone is replaced."""
-
-    def __init__(self, run: RunDirectory, config: Config, progress: Progress):
-        self.run, self.config, self.progress = run, config, progress
-        self.refused: UserError | None = None
-
-    def save(self, state: Any) -> None:
-        """Save `state` (NumPy leaves). Raises UserError 73 where the disk refuses twice running."""
-        if not still_there(self.run):
-            self.run = rescue_run(self.run)
-            self.progress.message(f"the run's directory has gone; checkpoints go to {self.run.path} from now on")
-            write_atomic(self.run.config, settings.to_toml(self.config))
-        try:
-            _save(self.run, self.config, state)
-            self.refused = None
-        except UserError as error:
-            if error.exit_code != EXIT_CANNOT_WRITE or self.refused is not None:
-                raise
-            self.refused = error
-            self.progress.message(f"warning: {error.message}; trying again at the next save")
-
-    def finish(self) -> None:
-        """Raise the refusal that no later save has made good."""
-        if self.refused is not None:
-            raise self.refused
-
-
-def _save(run: RunDirectory, config: Config, state: Any) -> Path:
-    """Write the checkpoint of `state` (NumPy leaves); its step is the number of iterations done."""
-    iteration = int(state.iteration[0])
-    meta = {"config": settings.to_toml(config), "steps": iteration * config.steps_per_iteration}
-    return checkpoint.save(run.checkpoints, iteration, state, meta)
-
-
-def _refuse_divergence(config: Config, report: Any, iteration: int) -> None:
-    """Stop with exit code 4 where every gradient step of a program call had to be skipped."""
-    skipped = np.asarray(report.learners.skipped)  # [S, I, A]
-    steps = config.learn.epochs * config.learn.minibatches
-    if math.prod(skipped.shape) and np.any(np.all(skipped >= steps, axis=1)):
-        raise UserError(
-            f"training diverged: not one finite gradient in iterations {iteration - skipped.shape[1]} to {iteration}; "
-            "the last checkpoint is intact (a smaller learn.learning_rate may help)",
-            EXIT_DIVERGED,
-        )
+def _last_iteration(config: Config) -> int:
+    return config.num_chunks * config.train.chunk_iterations

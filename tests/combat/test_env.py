@@ -10,7 +10,7 @@ from jax.errors import KeyReuseError
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config import Config, GameConfig
-from dronecombat_jax.types import Cause, EnvState
+from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, EnvState
 
 
 @pytest.mark.parametrize(
@@ -135,27 +135,88 @@ def assert_uniform(columns: np.ndarray, low: float, high: float) -> None:
     ("leaf", "column", "value"),
     [
         ("qvel", 1, np.nan), ("qvel", 1, 1e20), ("qvel", 9, np.nan), ("qvel", slice(3, 6), 1e20), ("qvel", 2, -np.inf),
-        ("qpos", 2, np.nan), ("qpos", 8, 1e20), ("qpos", slice(10, 14), np.nan), ("action", 2, np.nan),
+        ("qpos", 2, np.nan), ("qpos", 8, 1e20), ("qpos", slice(10, 14), np.nan),
     ],
 )  # fmt: skip
 def test_a_diverged_fight_ends_alone(arena: SimpleNamespace, fresh: EnvState, leaf, column, value):
     action = np.random.default_rng(1).uniform(-1, 1, (8, 2, 4)).astype(np.float32)
     sound, sound_output = arena.step(fresh, action)
-    broken = fresh
-    if leaf == "action":
-        action[3, 0, column] = value
-    else:
-        broken = fresh.replace(**{leaf: getattr(fresh, leaf).at[3, column].set(value)})
+    broken = fresh.replace(**{leaf: getattr(fresh, leaf).at[3, column].set(value)})
     after, output = arena.step(broken, action)
-    others = np.arange(8) != 3
-    jax.tree.map(
-        lambda ours, theirs: np.testing.assert_array_equal(ours[others], theirs[others]),
-        (after, output),
-        (sound, sound_output),
-    )
+    assert_others_have_the_same_bits((after, output), (sound, sound_output))
     assert output.cause[3] == Cause.DIVERGED
     assert output.terminated[3] and not output.truncated[3]
     assert not any(np.any(term[3]) for term in (output.reward, *output.reward_terms))
     assert not np.any(after.out[3])
     for part in jax.tree.leaves((after, output)):
         assert np.all(np.abs(part[3]) < 1e4)  # also false for NaN: nothing spoils a running mean
+
+
+BOTH = slice(None)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(
+    ("agent", "column", "cause"),
+    [
+        (DEFENDER, 2, Cause.DEFENDER_INVALID),
+        (DEFENDER, BOTH, Cause.DEFENDER_INVALID),
+        (ATTACKER, 0, Cause.ATTACKER_INVALID),
+        (BOTH, 3, Cause.BOTH_INVALID),
+    ],
+)
+def test_an_action_that_is_not_finite_loses_its_fight_alone(
+    arena: SimpleNamespace, fresh: EnvState, agent, column, cause, value
+):
+    action = np.random.default_rng(1).uniform(-1, 1, (8, 2, 4)).astype(np.float32)
+    sound = arena.step(fresh, action)
+    bad = action.copy()
+    bad[3, agent, column] = value
+    after, output = arena.step(fresh, bad)
+    assert_others_have_the_same_bits((after, output), sound)
+    assert output.cause[3] == cause and output.terminated[3] and not output.truncated[3]
+    assert not any(np.any(term[3]) for term in (output.reward, *output.reward_terms))
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves((after, output)))
+    bad[3, agent, column] = 0.0  # what is flown in its place
+    flown, _ = arena.step(fresh, bad)
+    np.testing.assert_array_equal(after.qpos, flown.qpos)
+
+
+def test_an_invalid_action_comes_before_what_happens_in_flight_and_after_a_diverged_state(
+    arena: SimpleNamespace, fresh
+):
+    action = np.zeros((8, 2, 4), np.float32)
+    action[3, DEFENDER] = np.nan
+    caught = fresh.replace(qpos=fresh.qpos.at[3, 7:9].set(fresh.qpos[3, :2]).at[3, 9].set(fresh.qpos[3, 2]))
+    assert arena.step(caught, action)[1].cause[3] == Cause.DEFENDER_INVALID
+    assert arena.step(caught, np.zeros_like(action))[1].cause[3] == Cause.INTERCEPT
+    broken = fresh.replace(qvel=fresh.qvel.at[3, 0].set(np.nan))
+    assert arena.step(broken, action)[1].cause[3] == Cause.DIVERGED
+
+
+def test_a_drone_that_is_down_gives_no_action(arena: SimpleNamespace, fresh: EnvState):
+    """Nor does the absent defender of `solo`, whose flag is the same."""
+    down = fresh.replace(out=fresh.out.at[3, DEFENDER].set(True))
+    action = np.full((8, 2, 4), 0.1, np.float32)
+    bad = action.copy()
+    bad[3, DEFENDER] = np.nan
+    assert_same(arena.step(down, bad), arena.step(down, action))
+
+
+def test_a_huge_action_is_clipped(arena: SimpleNamespace, fresh: EnvState):
+    action = np.random.default_rng(1).uniform(-1, 1, (8, 2, 4)).astype(np.float32)
+    huge, full = action.copy(), action.copy()
+    huge[3], full[3] = 1e30, 1.0
+    huge[3, ATTACKER, 1], full[3, ATTACKER, 1] = -1e30, -1.0
+    assert_same(arena.step(fresh, huge), arena.step(fresh, full))
+
+
+def assert_same(ours, theirs) -> None:
+    jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, b, strict=True), ours, theirs)
+
+
+def assert_others_have_the_same_bits(ours, theirs) -> None:
+    """All fights but that of environment 3."""
+    others = np.arange(8) != 3
+    for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
+        assert np.asarray(a)[others].tobytes() == np.asarray(b)[others].tobytes()

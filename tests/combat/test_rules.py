@@ -14,7 +14,7 @@ from dronecombat_jax.config import GameConfig
 from dronecombat_jax.types import Cause, Outcome
 
 CRASH_RULES = ("ends", "out", "grounded")
-NONE, INTERCEPT, REACHED, DEFENDER_CRASH, ATTACKER_CRASH, BOTH_CRASH, TIMEOUT, _ = Cause
+NONE, INTERCEPT, REACHED, DEFENDER_CRASH, ATTACKER_CRASH, BOTH_CRASH, TIMEOUT, *_ = Cause
 TARGET = (5.0, 5.0, 1.0)
 HOME, AWAY = (0.0, 5.0, 1.0), (0.0, 0.0, 1.0)  # defender's and attacker's start
 LAST = 500
@@ -147,6 +147,9 @@ def test_who_has_won(timeout_rule):
         "BOTH_CRASH": "DRAW",
         "TIMEOUT": "DEFENDER" if timeout_rule == "defender" else "DRAW",
         "DIVERGED": "DRAW",
+        "DEFENDER_INVALID": "ATTACKER",
+        "ATTACKER_INVALID": "DEFENDER",
+        "BOTH_INVALID": "DRAW",
     }
     assert timeout_decides(GameConfig(timeout_rule=timeout_rule)) == (table[TIMEOUT] == Outcome.DEFENDER)
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
@@ -58,6 +59,10 @@ RUNS = {
     "no fight ended": [record(0, 1, 0, None), record(0, 2, 0, None)],
     "several seeds, one shorter": [record(seed, i, 5, 0.1 * i) for seed in range(3) for i in range(1, 9 - seed)],
     "keys missing": [{"steps": 10, "seed": 0}],
+    "an agent that does not learn": [
+        record(0, i, 2, 1.0, **{f"{key}/defender": None for key in ("kl", "learning_rate", "log_std")})
+        for i in (1, 2, 3)
+    ],
     "rate of zero": [record(0, i, 2, 1.0, **{"kl/defender": 0.0, "kl/attacker": 0.0}) for i in (1, 2)],
 }
 
@@ -71,6 +76,19 @@ def test_every_run_gives_a_picture(name: str, tmp_path: Path):
         assert np.asarray(image.convert("L")).std() > 5  # not blank
     assert path.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
     assert sorted(file.name for file in path.parent.iterdir()) == ["learning.pdf", "learning.png"]
+
+
+def test_faults_are_named_only_where_they_happened_and_older_records_lack_them():
+    def named(records: list[dict[str, Any]]) -> set[str]:
+        ax = Figure().add_subplot()
+        figures.draw_outcomes(ax, gather(records))
+        return {label for label in ax.get_legend_handles_labels()[1] if "invalid" in label or label == "diverged"}
+
+    sound = [record(0, i, 4, 0.5) for i in (1, 2, 3)]
+    assert named(sound) == set()
+    older = [{key: value for key, value in row.items() if "invalid" not in key} for row in sound[:2]]
+    faulty = {"outcome/attacker_invalid": 0.25, "outcome/timeout": 0.25}
+    assert named([*older, sound[2] | faulty]) == {"attacker's action invalid"}
 
 
 def test_nothing_to_draw_and_nowhere_to_write(tmp_path: Path):

@@ -10,7 +10,7 @@ import pytest
 from dronecombat_jax.config import Config, GameConfig, LearnConfig, TrainConfig
 from dronecombat_jax.runs.metrics import MetricsWriter, read
 from dronecombat_jax.runs.records import progress_update, records
-from dronecombat_jax.types import Cause, IterationMetrics, RewardTerms, UpdateMetrics
+from dronecombat_jax.types import ROLES, Cause, IterationMetrics, RewardTerms, UpdateMetrics
 
 CONFIG = Config(
     learn=LearnConfig(rollout_steps=10),
@@ -35,7 +35,8 @@ def make_report(**counts: int) -> IterationMetrics:
     learners = {
         name: np.full((SEEDS, ITERATIONS, 2), [i, i + 0.5], np.float32) for i, name in enumerate(UpdateMetrics._fields)
     }
-    return IterationMetrics(causes, crashes, steps, RewardTerms(**terms), UpdateMetrics(**learners))  # pyright: ignore
+    frozen, opponent = np.full((SEEDS, ITERATIONS), -1), np.full((SEEDS, ITERATIONS), -1.0, np.float32)
+    return IterationMetrics(causes, crashes, steps, RewardTerms(**terms), UpdateMetrics(**learners), frozen, opponent)  # pyright: ignore
 
 
 REPORT = make_report(intercept=6, reached=4, defender_crash=3, attacker_crash=2, both_crash=1, timeout=3, diverged=1)
@@ -60,7 +61,11 @@ def test_shares_of_the_fights_that_ended():
         "outcome/both_crash": 0.05,
         "outcome/timeout": 0.15,
         "outcome/diverged": 0.05,
+        "outcome/defender_invalid": 0.0,
+        "outcome/attacker_invalid": 0.0,
+        "outcome/both_invalid": 0.0,
     }
+    assert row["diverged"] == 1 and row["diverged_environments"] == 0.25  # of 4
     # defender: interceptions and attacker's crashes; attacker: targets and defender's crashes; draw: the rest
     assert (row["win/defender"], row["win/attacker"], row["win/draw"]) == pytest.approx((0.4, 0.35, 0.25))
     assert sum(shares.values()) == pytest.approx(1.0)
@@ -86,7 +91,7 @@ def test_no_fight_ended_is_nan_here_and_null_in_the_file(tmp_path):
     empty = rows[0]
     assert empty["episodes"] == 0
     unknown = [key for key in empty if key.split("/")[0] in ("outcome", "win", "crash", "return", "episode_steps")]
-    assert len(unknown) == 7 + 3 + 2 + 2 + 1 and all(math.isnan(empty[key]) for key in unknown)
+    assert len(unknown) == 10 + 3 + 2 + 2 + 1 and all(math.isnan(empty[key]) for key in unknown)
     with MetricsWriter(tmp_path / "metrics.jsonl") as writer:
         for row in rows:
             writer.write(row)
@@ -94,6 +99,43 @@ def test_no_fight_ended_is_nan_here_and_null_in_the_file(tmp_path):
     assert [set(row) for row in stored] == [set(rows[0])] * 6
     assert all(stored[0][key] is None for key in unknown) and stored[-1]["outcome/intercept"] == 0.3
     assert json.loads((tmp_path / "metrics.jsonl").read_text().splitlines()[0])["seed"] == 7
+
+
+def learnt(row: dict) -> dict[str, bool]:
+    """Of each role, whether it reports numbers of its learning, which are then all there."""
+    numbers = {role: [row[f"{name}/{role}"] is not None for name in UpdateMetrics._fields] for role in ROLES}
+    assert all(len(set(known)) == 1 for known in numbers.values())
+    return {role: known[0] for role, known in numbers.items()}
+
+
+def test_an_agent_that_does_not_learn_reports_nothing_of_it():
+    both, attacker = {"defender": True, "attacker": True}, {"defender": False, "attacker": True}
+    assert all(learnt(row) == both for row in records(CONFIG, REPORT, 0))
+    solo = replace(CONFIG, game=GameConfig(scenario="solo"))
+    assert all(learnt(row) == attacker for row in records(solo, REPORT, 0))
+    # 80 steps are one chunk of two iterations; the report's three iterations are the second to the fourth.
+    ahead = replace(CONFIG, train=replace(CONFIG.train, head_start_steps=80))
+    assert [learnt(row) for row in records(ahead, REPORT, 1)] == [attacker] * 2 + [both] * 4
+
+
+def test_a_role_that_is_played_by_its_past_reports_nothing_of_its_learning(tmp_path):
+    frozen = np.array([[-1, 1, 0], [-1, -1, 1]])
+    report = REPORT._replace(frozen=frozen, opponent=np.where(frozen < 0, -1.0, 2.5))
+    rows = records(CONFIG, report, 0)
+    assert [row["frozen"] for row in rows] == [None, None, 1, None, 0, 1]
+    assert [row["opponent"] for row in rows] == [None, None, 2.5, None, 2.5, 2.5]
+    assert [learnt(row)["attacker"] for row in rows] == [True, True, False, True, True, False]
+    assert [learnt(row)["defender"] for row in rows] == [True, True, True, True, False, True]
+    with MetricsWriter(tmp_path / "metrics.jsonl", tmp_path / "tensorboard") as writer:
+        for row in rows:
+            writer.write(row)
+    assert read(tmp_path / "metrics.jsonl")[2]["learning_rate/attacker"] is None
+
+
+def test_steps_are_counted_far_beyond_32_bits():
+    row = records(CONFIG, REPORT, first_iteration=2**31 - 5)[-1]
+    assert row["iteration"] == 2**31 - 2 and row["steps"] == 40 * (2**31 - 2)
+    assert progress_update(CONFIG, REPORT, 2**31 - 2).steps == 80 * (2**31 - 2)
 
 
 def test_progress_shows_all_seeds_and_iterations_of_a_call():

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, UserError
-from dronecombat_jax.runs.rundir import check_name, claim_run, find_run, rescue_run, run_path, still_there
+from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_DATA, UserError
+from dronecombat_jax.runs.claim import claim_run, rescue_run, still_there
+from dronecombat_jax.runs.rundir import check_name, find_run, run_path
 
 HOSTILE = ["", ".", "..", ".hidden", "a/b", "/abs", "../up", "a\nb", "a b", "é", "x" * 101, "a\x00b", "run\n"]
 
@@ -86,7 +87,7 @@ def test_an_unwritable_directory_is_refused_within_a_second(tmp_path: Path):
 def test_claiming_and_asking_for_the_latest_need_no_jax(tmp_path: Path):
     script = (
         "import sys\n"
-        "from dronecombat_jax.runs.rundir import claim_run\n"
+        "from dronecombat_jax.runs.claim import claim_run\n"
         "from dronecombat_jax.runs.checkpoint import latest\n"
         "with claim_run(sys.argv[1], 'one') as run: assert latest(run.checkpoints) is None\n"
         "assert not {'jax', 'orbax', 'mujoco', 'tensorboardX'} & set(sys.modules)\n"
@@ -97,12 +98,18 @@ def test_claiming_and_asking_for_the_latest_need_no_jax(tmp_path: Path):
 def test_find_run_by_name_and_path_and_what_it_suggests(tmp_path: Path):
     for name in ("ippo-paper", "ippo-smoke"):
         (tmp_path / name).mkdir()
-    assert find_run(tmp_path, "ippo-paper").config == tmp_path / "ippo-paper" / "config.toml"
-    assert find_run("elsewhere", str(tmp_path / "ippo-smoke")).name == "ippo-smoke"
-    with pytest.raises(UserError, match=r"did you mean 'ippo-paper'\?.*ippo-paper, ippo-smoke"):
-        find_run(tmp_path, "ipo-paper")
-    with pytest.raises(UserError, match="runs there: none"):
-        find_run(tmp_path / "absent", "x")
+    assert find_run("ippo-paper", tmp_path) == tmp_path / "ippo-paper"
+    assert find_run(str(tmp_path / "ippo-smoke")) == tmp_path / "ippo-smoke"
+    with pytest.raises(UserError, match=r"ipo-paper: no such run; did you mean ippo-paper\?") as caught:
+        find_run("ipo-paper", tmp_path)
+    assert caught.value.exit_code == EXIT_DATA
+    with pytest.raises(UserError, match="no such run; runs there are: ippo-paper, ippo-smoke"):
+        find_run("zzz", tmp_path)
+    with pytest.raises(UserError, match="runs there are: none"):
+        find_run("x" * 999, tmp_path / "absent")
+    with pytest.raises(UserError, match="RUN is missing") as caught:
+        find_run("")
+    assert caught.value.exit_code == EXIT_CONFIG
 
 
 @pytest.mark.parametrize("gone", ["renamed", "deleted", "replaced"])

@@ -4,52 +4,25 @@ The commands run in processes of their own, at toy size and compiled with little
 """
 
 import json
-import os
 import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tiny import CHUNK, COMMAND, STEPS, finish, interrupt, kill_while_compiling
+from tiny import train as begin
 
 from dronecombat_jax import cli, settings
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED
 from dronecombat_jax.runs import checkpoint, metrics, training
 
-CHUNKS, CHUNK = 16, 2  # chunks and iterations of one
-STEPS = 16 * 6  # environment steps of one iteration
-COMMAND = (
-    "--preset smoke --seed 3 --train.num-envs 16 --train.chunk-iterations 2 --sim.substeps 1 --game.episode-steps 20 "
-    "--learn.hidden-sizes 8 8 --learn.rollout-steps 6 --learn.epochs 2 --learn.minibatches 2 "
-    f"--train.num-seeds 2 --steps {CHUNKS * CHUNK * STEPS} --run.no-video --run.evaluation-fights 4"
-).split()
-QUICK_TO_COMPILE = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
-PATIENCE = 300.0  # seconds
+CHUNKS = 16
+LENGTH = ("--steps", str(CHUNKS * CHUNK * STEPS))
 
 
-def train(root: Path, name: str, *flags: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "dronecombat_jax.cli", "train", "--name", name, "--run.directory", str(root)]
-    environment = os.environ | {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {QUICK_TO_COMPILE}".strip()}
-    pipe = subprocess.PIPE
-    return subprocess.Popen([*command, *COMMAND, *flags], stdout=pipe, stderr=pipe, text=True, env=environment)
-
-
-def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
-    out, err = process.communicate(timeout=PATIENCE)
-    return process.returncode, out, err
-
-
-def interrupt(process: subprocess.Popen[str], run: Path, after: int, number: signal.Signals) -> tuple[int, str, str]:
-    """Send a signal once the checkpoint of `after` iterations is there."""
-    deadline = time.monotonic() + PATIENCE
-    while not (run / "checkpoints" / str(after)).exists():
-        assert process.poll() is None and time.monotonic() < deadline, process.communicate()
-        time.sleep(0.005)
-    process.send_signal(number)
-    return finish(process)
+def train(root: Path, name: str, *flags: str):
+    return begin(root, name, *LENGTH, *flags)
 
 
 def digest(run: Path) -> str:
@@ -73,6 +46,18 @@ def test_a_training_leaves_its_files_and_complete_metrics(whole):
     assert all(row["steps"] == row["iteration"] * STEPS for row in rows)
     assert all(row["chunk"] == -(-row["iteration"] // CHUNK) for row in rows)
     assert sum(row["episodes"] for row in rows) > 100 and {len(row) for row in rows} == {len(rows[0])}
+    chunks = metrics.read(whole.path / "chunks.jsonl")
+    assert [(row["chunk"], row["seed"]) for row in chunks] == [
+        (i, seed) for i in range(1, CHUNKS + 1) for seed in (3, 4)
+    ]
+    for row in chunks:
+        inside = [r for r in rows if (r["chunk"], r["seed"]) == (row["chunk"], row["seed"])]
+        crashed = sum(r["outcome/attacker_crash"] * r["episodes"] for r in inside if r["episodes"])
+        assert row["episodes"] == sum(r["episodes"] for r in inside)
+        assert row["outcome/attacker_crash"] * row["episodes"] == pytest.approx(crashed)
+        assert row["learning_rate/attacker"] == inside[-1]["learning_rate/attacker"]
+    assert [row["seconds/compile"] > 0.0 for row in chunks] == [True] * 2 + [False] * (2 * CHUNKS - 2)
+    assert all(row["seconds/program"] > 0.0 for row in chunks)
     saved = checkpoint.steps(whole.path / "checkpoints")
     assert saved == [CHUNK * i for i in range(CHUNKS + 1)]  # the untrained state too
     assert checkpoint.read_meta(whole.path / "checkpoints", saved[-1])["steps"] == CHUNKS * CHUNK * STEPS
@@ -92,7 +77,7 @@ def test_the_same_command_again_has_nothing_to_do(whole, capsys):
 
 
 def test_other_settings_in_the_same_directory_are_refused_by_name(whole, capsys):
-    flags = [*COMMAND, "--name", "whole", "--run.directory", str(whole.root), "--learn.discount", "0.9"]
+    flags = [*COMMAND, *LENGTH, "--name", "whole", "--run.directory", str(whole.root), "--learn.discount", "0.9"]
     assert cli.main(["train", *flags, "--train.num-envs", "32"]) == EXIT_CONFIG
     err = capsys.readouterr().err
     assert err.count("\n") == 1 and err.startswith("error: ")
@@ -101,12 +86,33 @@ def test_other_settings_in_the_same_directory_are_refused_by_name(whole, capsys)
 
 def test_a_killed_run_goes_on_to_the_same_bits(whole):
     run = whole.root / "killed"
+    kill_while_compiling(train(whole.root, "killed"))
+    assert checkpoint.steps(run / "checkpoints") == [0] and checkpoint.latest(run / "checkpoints") == 0
     code, _, _ = interrupt(train(whole.root, "killed"), run, after=4, number=signal.SIGKILL)
     assert code == -signal.SIGKILL and (checkpoint.latest(run / "checkpoints") or 0) < CHUNKS * CHUNK
     code, out, err = finish(train(whole.root, "killed", "--run.no-figures"))  # what the run leaves may change
     assert code == 0 and "resuming after" in out, err
     assert digest(run) == digest(whole.path)
     assert (run / "metrics.jsonl").read_bytes() == (whole.path / "metrics.jsonl").read_bytes()
+    assert timeless(run / "chunks.jsonl") == timeless(whole.path / "chunks.jsonl")
+
+
+def timeless(path: Path) -> list[dict]:
+    """The records of chunks without a machine's seconds."""
+    rows = metrics.read(path)
+    return [{key: value for key, value in row.items() if not key.startswith("seconds/")} for row in rows]
+
+
+def test_a_fork_without_a_change_comes_to_the_same_bits_and_goes_on_by_the_same_command(whole):
+    flags = ("--fork", "child", "--fork-chunk", str(CHUNKS - 2), "--run.no-figures")
+    code, out, err = finish(train(whole.root, "whole", *flags))
+    assert code == 0 and "forked from" in out and "no setting" in out, err
+    child = whole.root / "child"
+    assert digest(child) == digest(whole.path) and checkpoint.steps(child / "checkpoints") == [28, 30, 32]
+    assert (child / "metrics.jsonl").read_bytes() in (whole.path / "metrics.jsonl").read_bytes()
+    assert checkpoint.read_meta(child / "checkpoints", 32)["forked"] == {"run": "whole", "iteration": 28}
+    config = settings.load(child / "config.toml")
+    assert config.run.name == "child" and training.train(config, "whole", CHUNKS - 2) == 0  # complete
 
 
 @pytest.mark.slow

@@ -17,7 +17,14 @@ from flax import struct
 
 from dronecombat_jax import settings
 from dronecombat_jax.config import Config, LearnConfig, RunConfig, TrainConfig
-from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, EXIT_DIVERGED, EXIT_STOPPED, UserError
+from dronecombat_jax.errors import (
+    EXIT_CANNOT_WRITE,
+    EXIT_CONFIG,
+    EXIT_DATA,
+    EXIT_DIVERGED,
+    EXIT_STOPPED,
+    UserError,
+)
 from dronecombat_jax.runs import checkpoint, metrics, training
 from dronecombat_jax.runs.atomic import cannot_write
 from dronecombat_jax.types import Cause, IterationMetrics, RewardTerms, UpdateMetrics
@@ -28,49 +35,62 @@ TOY = Config(
 )
 
 
+COMPILING = -1  # the hook of the compilation
+
+
 class ToyState(struct.PyTreeNode):
     """What the host reads of a state, and something that remembers every call."""
 
     iteration: np.ndarray
     history: np.ndarray
+    selfplay: None = None
 
 
 @pytest.fixture
 def toy(monkeypatch, tmp_path) -> SimpleNamespace:
     """`train(config)` over a program that counts; `hooks[iteration]` is called when it gets there."""
     hooks: dict[int, Callable[[], object]] = {}
-    skipped = {"steps": 0}
+    faults = {"skipped": 0, "diverged": 0}  # of every iteration: gradient steps, fights
     begun: list[int] = []
 
     def advance(state: ToyState):
         done = int(state.iteration[0]) + training.call_iterations(TOY)
-        report = _report(training.call_iterations(TOY), skipped["steps"])
+        report = _report(training.call_iterations(TOY), **faults)
         if hook := hooks.pop(done, None):
             hook()
         return ToyState(iteration=np.array([done], np.int32), history=state.history * 3 + done), report
 
-    def prepare(run, config, start, progress):
-        begun.append(start or 0)
+    def prepare(run, config, start, saver):
+        begun.append(start.iteration if start else 0)
         state = ToyState(iteration=np.zeros(1, np.int32), history=np.ones(3, np.uint64))
         if start is not None:
-            state = checkpoint.restore(run.checkpoints, start, state)
-            metrics.truncate_after(run.metrics, start * config.steps_per_iteration)
-        return state, advance
+            state = checkpoint.restore(run.checkpoints, start.iteration, state)
+            for log in (run.metrics, run.chunks):
+                metrics.truncate_after(log, start.iteration * config.steps_per_iteration)
+        return state, compile_program
+
+    def compile_program(state):
+        if hook := hooks.pop(COMPILING, None):
+            hook()
+        return advance
 
     monkeypatch.setattr(training, "_prepare", prepare)
     config = replace(TOY, run=RunConfig(name="toy", directory=str(tmp_path)))
     path = tmp_path / "toy"
-    return SimpleNamespace(config=config, path=path, hooks=hooks, skipped=skipped, begun=begun)
+    return SimpleNamespace(config=config, path=path, hooks=hooks, faults=faults, begun=begun)
 
 
-def _report(iterations: int, skipped: int) -> IterationMetrics:
+def _report(iterations: int, skipped: int, diverged: int) -> IterationMetrics:
     zeros = np.zeros((1, iterations, 2), np.float32)
     learners = UpdateMetrics(*[zeros] * len(UpdateMetrics._fields))._replace(
         skipped=np.array([[[0, skipped]] * iterations])
     )
     causes = np.zeros((1, iterations, len(Cause)), np.int32)
+    causes[..., Cause.DIVERGED] = diverged
+    causes[..., Cause.REACHED] = 2
+    nobody = np.full((1, iterations), -1)
     return IterationMetrics(  # pyright: ignore[reportArgumentType]
-        causes, zeros.astype(int), causes[..., 0], RewardTerms(*[zeros] * 7), learners
+        causes, zeros.astype(int), causes[..., 0], RewardTerms(*[zeros] * 7), learners, nobody, nobody
     )
 
 
@@ -98,6 +118,13 @@ def test_a_signal_saves_at_once_and_the_run_goes_on_from_there(toy, number, caps
 def test_a_signal_during_the_last_call_is_a_finished_run(toy):
     toy.hooks[40] = lambda: os.kill(os.getpid(), signal.SIGTERM)
     assert training.train(toy.config) == 0 and steps_saved(toy)[-1] == 40
+
+
+def test_a_signal_while_compiling_saves_nothing_new_and_loses_nothing(toy):
+    assert training.train(replace(toy.config, train=replace(TOY.train, total_steps=20 * 60))) == 0
+    toy.hooks[COMPILING] = lambda: (os.kill(os.getpid(), signal.SIGTERM), time.sleep(0.05))
+    assert training.train(toy.config) == EXIT_STOPPED and steps_saved(toy) == [10, 20]
+    assert training.train(toy.config) == 0 and toy.begun == [0, 20, 20]
 
 
 def test_a_disk_that_refuses_once_is_forgiven(toy, monkeypatch, capsys):
@@ -135,25 +162,158 @@ def test_a_directory_that_was_moved_away_is_replaced(toy, capsys):
     assert settings.load(rescued / "config.toml") == toy.config
 
 
-def test_training_that_diverged_stops_with_its_last_checkpoint_intact(toy):
-    toy.hooks[15] = lambda: toy.skipped.update(steps=6)  # every gradient step, from the next call on
+def refused(config: Config) -> UserError:
     with pytest.raises(UserError) as error:
-        training.train(toy.config)
-    assert error.value.exit_code == EXIT_DIVERGED and "iterations 15 to 20" in error.value.message
+        training.train(config)
+    assert "\n" not in error.value.message
+    return error.value
+
+
+def test_five_iterations_without_one_gradient_end_the_training_and_leave_its_state(toy):
+    toy.hooks[15] = lambda: toy.faults.update(skipped=6)  # every gradient step, from the next call on
+    error = refused(toy.config)
+    assert error.exit_code == EXIT_DIVERGED and "not one finite gradient for the attacker of seed 1" in error.message
+    assert "up to 20 " in error.message and str(toy.path / "diverged-20.npz") in error.message
     assert steps_saved(toy) == [10] and checkpoint.latest(toy.path / "checkpoints") == 10
+    with np.load(toy.path / "diverged-20.npz", allow_pickle=False) as dump:
+        assert dump["state/iteration"] == [20] and np.all(dump["report/learners/skipped"][0, :, 1] == 6)
 
 
 def test_some_skipped_steps_are_not_the_end(toy):
-    toy.skipped.update(steps=5)  # of 6
+    toy.faults.update(skipped=5)  # of 6
     assert training.train(toy.config) == 0
 
 
-def test_checkpoints_without_their_settings_are_not_guessed_at(toy):
+def test_rows_of_bad_iterations_go_on_from_call_to_call(toy, monkeypatch):
+    """Calls of one iteration: no call alone has five in a row."""
+    monkeypatch.setattr(training, "call_iterations", lambda config: 1)
+    toy.hooks[12] = lambda: toy.faults.update(skipped=6)
+    assert "up to 17 " in refused(toy.config).message  # 13 to 17
+    toy.faults.update(skipped=0, diverged=0)
+    toy.hooks[12] = lambda: toy.faults.update(diverged=1)  # a tenth of the environments
+    error = refused(toy.config)
+    assert error.exit_code == EXIT_DIVERGED and "in each of iterations 13 to 15" in error.message
+    assert "over 1% of the environments of seed 1" in error.message and (toy.path / "diverged-15.npz").exists()
+
+
+def test_two_iterations_of_divergence_are_logged_and_forgiven(toy, monkeypatch):
+    monkeypatch.setattr(training, "call_iterations", lambda config: 1)
+    for start in (12, 22):
+        toy.hooks[start] = lambda: toy.faults.update(diverged=1)
+        toy.hooks[start + 2] = lambda: toy.faults.update(diverged=0)
     assert training.train(toy.config) == 0
-    (toy.path / "config.toml").unlink()
-    with pytest.raises(UserError) as error:
-        training.train(toy.config)
-    assert error.value.exit_code == EXIT_DATA and "config.toml is missing" in error.value.message
+    rows = metrics.read(toy.path / "metrics.jsonl")
+    assert [row["iteration"] for row in rows if row["diverged"]] == [13, 14, 23, 24]
+    assert rows[12]["diverged_environments"] == 0.1 and rows[12]["outcome/diverged"] == pytest.approx(1 / 3)
+    assert [row["diverged"] for row in metrics.read(toy.path / "chunks.jsonl")] == [0, 2, 2, 0]
+
+
+@pytest.mark.parametrize(
+    ("said", "code", "advice"),
+    [
+        ("RESOURCE_EXHAUSTED: Out of memory allocating 9 bytes.", EXIT_CONFIG, "fewer train.num_envs"),
+        ("INTERNAL: CUDA_ERROR_DEVICE_UNAVAILABLE\nbacktrace", EXIT_STOPPED, "the same command goes on"),
+    ],
+)
+def test_a_device_that_fails_is_one_line_and_costs_no_checkpoint(toy, said, code, advice):
+    import jax
+
+    def fail():
+        raise jax.errors.JaxRuntimeError(said)
+
+    toy.hooks[25] = fail
+    error = refused(toy.config)
+    assert error.exit_code == code and advice in error.message and said[:18] in error.message
+    assert training.train(toy.config) == 0 and toy.begun == [0, 20]
+
+
+@pytest.mark.parametrize("content", [None, "", "[learn]\ndiscount = 0.5\n"], ids=["gone", "empty", "another"])
+def test_the_settings_of_a_run_come_from_its_checkpoint(toy, content):
+    """The file beside it is written anew; so are metrics that have gone."""
+    toy.hooks[15] = lambda: os.kill(os.getpid(), signal.SIGTERM)
+    assert training.train(toy.config) == EXIT_STOPPED
+    whole = (toy.path / "config.toml").read_bytes()
+    (toy.path / "config.toml").unlink() if content is None else (toy.path / "config.toml").write_text(content)
+    (toy.path / "metrics.jsonl").unlink()
+    (toy.path / "chunks.jsonl").unlink()
+    assert training.train(toy.config) == 0 and toy.begun == [0, 15]
+    assert (toy.path / "config.toml").read_bytes() == whole
+    assert [row["iteration"] for row in metrics.read(toy.path / "metrics.jsonl")] == list(range(16, 41))
+    assert [row["iterations"] for row in metrics.read(toy.path / "chunks.jsonl")] == [5, 10, 10]
+    changed = replace(toy.config, learn=replace(toy.config.learn, discount=0.5))
+    (toy.path / "config.toml").write_text(settings.to_toml(changed))
+    assert refused(changed).exit_code == EXIT_CONFIG
+
+
+def damage(toy: SimpleNamespace) -> None:
+    for step in steps_saved(toy):
+        (toy.path / "checkpoints" / str(step) / "manifest.json").write_text("")
+
+
+def test_a_run_whose_checkpoints_are_all_damaged_is_not_begun_anew(toy):
+    assert training.train(toy.config) == 0
+    kept = {name: (toy.path / name).read_bytes() for name in ("metrics.jsonl", "chunks.jsonl", "config.toml")}
+    damage(toy)
+    for _ in range(2):  # what was set aside the first time still counts
+        error = refused(toy.config)
+        assert error.exit_code == EXIT_DATA and "set aside as damaged-10-" in error.message
+        assert "choose another --name, or move" in error.message
+    assert {name: (toy.path / name).read_bytes() for name in kept} == kept
+    assert len(list((toy.path / "checkpoints").glob("damaged-*"))) == 4 and toy.begun == [0]
+
+
+def test_metrics_without_a_checkpoint_are_not_overwritten(toy):
+    assert training.train(toy.config) == 0
+    for path in sorted((toy.path / "checkpoints").rglob("*"), reverse=True):
+        path.rmdir() if path.is_dir() else path.unlink()
+    error = refused(toy.config)
+    assert error.exit_code == EXIT_DATA and "they are gone" in error.message
+    assert len(metrics.read(toy.path / "metrics.jsonl")) == 40
+
+
+def test_a_run_killed_before_its_first_checkpoint_begins_anew(toy):
+    (toy.path / "checkpoints" / ".tmp-0-1-aa").mkdir(parents=True)
+    (toy.path / "config.toml").write_text(settings.to_toml(replace(toy.config, train=replace(TOY.train, seed=9))))
+    (toy.path / "metrics.jsonl").touch()
+    assert training.train(toy.config) == 0
+
+
+def test_settings_that_this_version_does_not_know_are_one_line(toy):
+    assert training.train(toy.config) == 0
+    state = ToyState(iteration=np.array([50], np.int32), history=np.ones(3, np.uint64))
+    checkpoint.save(toy.path / "checkpoints", 50, state, {"config": "[learn]\nmomentum = 0.5\n"})
+    error = refused(toy.config)
+    assert error.exit_code == EXIT_DATA and "learn.momentum" in error.message and "checkpoints/50:2" in error.message
+
+
+def test_a_chunk_that_was_stopped_inside_is_summed_up_whole(toy):
+    """The records of its first half are read back."""
+    assert training.train(toy.config) == 0
+    expected = [timeless(row) for row in metrics.read(toy.path / "chunks.jsonl")]
+    assert [(row["chunk"], row["iterations"], row["episodes"]) for row in expected] == [
+        (i, 10, 20) for i in (1, 2, 3, 4)
+    ]
+    config = replace(toy.config, run=replace(toy.config.run, name="stopped"))
+    toy.hooks[15] = lambda: os.kill(os.getpid(), signal.SIGTERM)
+    assert training.train(config) == EXIT_STOPPED and training.train(config) == 0
+    stopped = metrics.read(toy.path.with_name("stopped") / "chunks.jsonl")
+    assert [timeless(row) for row in stopped] == expected
+
+
+def timeless(row: dict) -> dict:
+    """A chunk's record without this machine's seconds."""
+    return {key: value for key, value in row.items() if not key.startswith("seconds/")}
+
+
+def test_chunks_past_the_last_checkpoint_are_cut_at_a_resume(toy, monkeypatch):
+    with monkeypatch.context() as patch:
+        refuse_saves(patch, {20, 30})
+        assert refused(toy.config).exit_code == EXIT_CANNOT_WRITE
+    assert len(metrics.read(toy.path / "chunks.jsonl")) == 3
+    assert training.train(toy.config) == 0 and toy.begun == [0, 10]
+    rows = metrics.read(toy.path / "chunks.jsonl")
+    assert [row["chunk"] for row in rows] == [1, 2, 3, 4]
+    assert all(row[f"seconds/{what}"] >= 0 for row in rows for what in ("compile", "program", "saving"))
 
 
 def test_more_steps_continue_a_finished_run(toy):
@@ -163,7 +323,10 @@ def test_more_steps_continue_a_finished_run(toy):
     assert settings.load(toy.path / "config.toml").train.total_steps == 3000
 
 
-@pytest.mark.parametrize(("chunk", "expected"), [(25, 5), (10, 5), (12, 4), (2, 2), (1, 1), (7, 1), (9, 3)])
+@pytest.mark.parametrize(
+    ("chunk", "expected"),
+    [(25, 5), (10, 5), (12, 4), (2, 2), (1, 1), (9, 3), (7, 7), (14, 7), (13, 13), (17, 1), (34, 2)],
+)
 def test_a_program_call_divides_a_chunk(chunk, expected):
     config = replace(TOY, train=replace(TOY.train, chunk_iterations=chunk))
     assert training.call_iterations(config) == expected

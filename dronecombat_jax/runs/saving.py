@@ -1,0 +1,50 @@
+"""Saving a run's state through trouble: a disk that refuses once, a directory that has gone."""
+
+from typing import Any
+
+from dronecombat_jax import settings
+from dronecombat_jax.config import Config
+from dronecombat_jax.errors import EXIT_CANNOT_WRITE, UserError
+from dronecombat_jax.runs import checkpoint
+from dronecombat_jax.runs.atomic import write_atomic
+from dronecombat_jax.runs.claim import rescue_run, still_there
+from dronecombat_jax.runs.progress import Progress
+from dronecombat_jax.runs.provenance import describe
+from dronecombat_jax.runs.rundir import RunDirectory
+
+
+class Saver:
+    """Saves at chunk boundaries. A disk that refuses is forgiven once; a directory that has gone is replaced."""
+
+    def __init__(self, run: RunDirectory, config: Config, progress: Progress, more_meta: dict[str, Any]):
+        """`more_meta`: plain JSON for every checkpoint, beside what `provenance` says."""
+        self.run, self.config, self.progress, self.more_meta = run, config, progress, more_meta
+        self.refused: UserError | None = None
+
+    def save(self, state: Any) -> None:
+        """Save `state` (NumPy leaves); the step is the number of iterations done.
+
+        Raises UserError 73 where the disk refuses twice running, 4 where the state is not finite.
+        """
+        if not still_there(self.run):
+            self.run = rescue_run(self.run)
+            self.progress.message(f"the run's directory has gone; checkpoints go to {self.run.path} from now on")
+            write_atomic(self.run.config, settings.to_toml(self.config))
+        try:
+            self.save_now(state)
+            self.refused = None
+        except UserError as error:
+            if error.exit_code != EXIT_CANNOT_WRITE or self.refused is not None:
+                raise
+            self.refused = error
+            self.progress.message(f"warning: {error.message}; trying again at the next save")
+
+    def save_now(self, state: Any) -> None:
+        """Save or raise: a run's first checkpoint, without which it must not start."""
+        iteration = int(state.iteration[0])
+        checkpoint.save(self.run.checkpoints, iteration, state, describe(self.config, iteration) | self.more_meta)
+
+    def finish(self) -> None:
+        """Raise the refusal that no later save has made good."""
+        if self.refused is not None:
+            raise self.refused

@@ -2,13 +2,14 @@
 PYTHON ?= python3
 VENV ?= .venv
 ARGS ?=
+RUNS ?= $(wildcard runs/ippo runs/sippo)
 
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo test test-slow check format bench clean
+.PHONY: help train-ippo train-sippo tournament report test test-slow check format bench clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -18,6 +19,13 @@ train-ippo: $(VENV)/.runtime ## train attacker and defender with IPPO (ARGS="--t
 
 train-sippo: $(VENV)/.runtime ## the same with self-play: the defender also meets past attackers
 	$(BIN)/dronecombat train --preset duel --selfplay.probability 0.2 --name sippo $(ARGS)
+
+tournament: $(VENV)/.runtime ## all checkpoints of runs/ippo and runs/sippo, those that are there, and the scripted pilots
+	@test -n "$(RUNS)" || { echo "error: neither runs/ippo nor runs/sippo is there: make train-ippo, make train-sippo, or RUNS=\"runs/a runs/b\"" >&2; exit 2; }
+	$(BIN)/dronecombat tournament $(RUNS) scripted:all $(ARGS)
+
+report: $(VENV)/.runtime ## draw a tournament (ARGS=its folder or name)
+	$(BIN)/dronecombat report $(ARGS)
 
 test: $(VENV)/.dev ## the fast tests
 	$(BIN)/python -m pytest $(ARGS)

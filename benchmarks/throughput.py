@@ -78,7 +78,7 @@ def ippo(calls: int = 6) -> dict[str, float]:
 
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.config import Config
-    from dronecombat_jax.runs.training import call_iterations
+    from dronecombat_jax.runs.program import call_iterations
     from dronecombat_jax.selfplay.chunk import build_advance, init_state
 
     config = Config()

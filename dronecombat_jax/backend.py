@@ -32,15 +32,18 @@ RENDERING_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 _set_by_us: dict[str, str] = {}
 
 
-def prepare(device: str = "auto") -> None:
+def prepare(device: str = "auto", cpu_devices: int = 1) -> None:
     """Set up JAX and MuJoCo for `device`: auto, cpu, gpu or tpu. Call it before either is imported.
 
+    `cpu_devices`: how many devices a CPU shall pretend to be; seeds trained on several never wait for each other.
     Where the user has set a variable, it stays; only a `device` asked for by name wins over JAX_PLATFORMS.
     Raises UserError (exit 2) for a known-bad jax and for a device that is not there.
     """
     refuse_bad_jax()
     platforms = _platforms(device)
     _prepare_xla(device)
+    if cpu_devices > 1 and device not in PLUGINS:
+        _set_flag("--xla_force_host_platform_device_count", str(cpu_devices))
     _prepare_jax(platforms)
     _prepare_mujoco()
     if device in PLUGINS:
@@ -85,13 +88,9 @@ def banner() -> list[str]:
 
 def machine() -> str:
     """Processor, cores that this process may use, and memory, in words."""
-    try:
-        cores = len(os.sched_getaffinity(0))
-    except AttributeError:  # not on macOS
-        cores = os.cpu_count() or 1
     memory = preflight.machine_bytes()
     size = f"{memory / 2**30:.1f} GiB of memory" if memory else "unknown memory"
-    return f"{_cpu()[0]}, {cores} cores, {size}"
+    return f"{_cpu()[0]}, {cores()} cores, {size}"
 
 
 def cache_dir() -> Path:
@@ -137,15 +136,30 @@ def _prepare_xla(device: str) -> None:
     release = tuple(int(part) for part in metadata.version("jax").split(".")[:2])
     if release >= (0, 11) or device in PLUGINS:
         return
-    flags = os.environ.get("XLA_FLAGS", "")
-    if DEADLOCK_FLAG not in flags:
+    if DEADLOCK_FLAG not in os.environ.get("XLA_FLAGS", ""):
         if "jax" in sys.modules:
             warnings.warn("JAX was imported before prepare(): if it has computed already, it may hang", stacklevel=3)
-        os.environ["XLA_FLAGS"] = f"{flags} {DEADLOCK_FLAG}=false".strip()
-        _set_by_us["XLA_FLAGS"] = f"{DEADLOCK_FLAG}=false"
+        _set_flag(DEADLOCK_FLAG, "false")
     # Every program from the cache logs a page of errors about tuning flags that are no CPU features.
     if "TF_CPP_MIN_LOG_LEVEL" not in os.environ:
         _set("TF_CPP_MIN_LOG_LEVEL", "3")
+
+
+def _set_flag(name: str, value: str) -> None:
+    """Add a flag of XLA, unless the user has set it."""
+    flags = os.environ.get("XLA_FLAGS", "")
+    if name in flags:
+        return
+    os.environ["XLA_FLAGS"] = f"{flags} {name}={value}".strip()
+    _set_by_us["XLA_FLAGS"] = f"{_set_by_us.get('XLA_FLAGS', '')} {name}={value}".strip()
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # not on macOS
+        return os.cpu_count() or 1
 
 
 def _prepare_jax(platforms: str | None) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from dronecombat_jax import flags, settings
+from dronecombat_jax import flags, preflight, settings
 from dronecombat_jax.config import Config, setting
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.runs.rundir import find_run
@@ -69,6 +69,49 @@ class ExportFlags:
 
 
 @dataclass(frozen=True)
+class TournamentFlags:
+    """Every attacker against every defender of the ENTRANTS before the flags, and how they rate.
+
+    An entrant is a run (its folder, or its name in runs/), a policy file (.safetensors), scripted:NAME or scripted:all.
+    """
+
+    episodes: int = setting(5, "fights of each pair; fight e starts alike for all pairs", low=1, high=10**5)
+    every: int = setting(1, "of a run every n-th chunk, and the last", low=1, high=10**6)
+    name: str = setting("", "folder in tournaments/ (default: the names of the runs)")
+    seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
+    stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
+    skip_bad: bool = setting(False, "leave out what cannot be read, and exit with 5")
+    allow_env_mismatch: bool = setting(False, "let policies of another game fly in that of the first")
+    device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
+
+
+@dataclass(frozen=True)
+class ReportFlags:
+    """Draw a tournament: the paper's figures and more, tables, and one page that shows them all."""
+
+    tournament: str = setting("", "the tournament: its folder, its name in tournaments/, or a result file")
+    out: str = setting("", "folder to write to (default: report/ in the tournament's folder)")
+
+
+@dataclass(frozen=True)
+class CompareFlags:
+    """Does one method's final defender beat another's? All RUNS before the flags meet in one tournament.
+
+    Every RUN is a folder, or a name in runs/. The scripted pilots take part as anchors.
+    """
+
+    by: str = setting("method", "what parts the runs: method, preset, run, or a setting such as train.total_steps")
+    tournament: str = setting("", "its folder in tournaments/ (default: compare- and the runs); alone: judge it again")
+    every: int = setting(10, "of a run every n-th chunk, and the last", low=1, high=10**6)
+    episodes: int = setting(50, "fights of each pair", low=1, high=10**5)
+    seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
+    stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
+    skip_bad: bool = setting(False, "leave out what cannot be read, and exit with 5")
+    allow_env_mismatch: bool = setting(False, "let policies of another game fly in that of the first")
+    device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
+
+
+@dataclass(frozen=True)
 class DoctorFlags:
     """Say what this machine has and what is missing: versions, devices, rendering."""
 
@@ -93,7 +136,7 @@ def train(args: Sequence[str]) -> int:
         print(settings.to_toml(config), end="")
         return 0
     print(summary(config, preset), flush=True)
-    _prepare(config.run.device)
+    _prepare(config.run.device, config)
     from dronecombat_jax.runs import training
 
     if "fork" in fork:
@@ -139,6 +182,60 @@ def export(args: Sequence[str]) -> int:
     return exporter.export(run, out, given.role, chunk=chunk, seed=seed, force=given.force)
 
 
+def tournament(args: Sequence[str]) -> int:
+    """every attacker against every defender, and how they rate"""
+    prog = "dronecombat tournament"
+    words, rest = _split_words(args, TournamentFlags)
+    given: TournamentFlags = flags.read(TournamentFlags, rest, prog)
+    if not words:
+        raise UserError(
+            f"nobody is named: {prog} ENTRANT [ENTRANT ...], such as a run, scripted:all, policy.safetensors"
+        )
+    _prepare(given.device)
+    from dronecombat_jax.arena.rectangle import Rules
+    from dronecombat_jax.runs import tournament as tournaments
+
+    rules = Rules(given.episodes, given.seed, given.stochastic)
+    return tournaments.tournament(
+        words,
+        rules,
+        name=given.name,
+        every=given.every,
+        skip_bad=given.skip_bad,
+        allow_mismatch=given.allow_env_mismatch,
+    )
+
+
+def report(args: Sequence[str]) -> int:
+    """draw a tournament: figures, tables and one page"""
+    given: ReportFlags = flags.read(ReportFlags, args, "dronecombat report", positional="tournament")
+    _rate_on_one_core()
+    _prepare("cpu")
+    from dronecombat_jax.report import tournament_report
+
+    return tournament_report.report(given.tournament, Path(given.out) if given.out else None)
+
+
+def compare(args: Sequence[str]) -> int:
+    """does one method's final defender beat another's?"""
+    words, rest = _split_words(args, CompareFlags)
+    given: CompareFlags = flags.read(CompareFlags, rest, "dronecombat compare")
+    _rate_on_one_core()
+    _prepare(given.device)
+    from dronecombat_jax.arena.rectangle import Rules
+    from dronecombat_jax.report import comparison
+
+    return comparison.compare(
+        words,
+        Rules(given.episodes, given.seed, given.stochastic),
+        by=given.by,
+        name=given.tournament,
+        every=given.every,
+        skip_bad=given.skip_bad,
+        allow_mismatch=given.allow_env_mismatch,
+    )
+
+
 def doctor(args: Sequence[str]) -> int:
     """say what this machine has and what is missing"""
     flags.read(DoctorFlags, args, "dronecombat doctor")
@@ -151,6 +248,9 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "train": train,
     "evaluate": evaluate,
     "export": export,
+    "tournament": tournament,
+    "report": report,
+    "compare": compare,
     "doctor": doctor,
 }
 
@@ -198,6 +298,17 @@ def _with_out_named(args: Sequence[str]) -> list[str]:
     return words
 
 
+def _split_words(args: Sequence[str], cls: type) -> tuple[list[str], list[str]]:
+    """The words that belong to no flag of `cls`, in order, and everything else."""
+    with_value = {settings.flag(key) for key, entry in settings_of(cls).items() if entry.kind != "bool"}
+    words: list[str] = []
+    rest: list[str] = []
+    for word in args:
+        value = bool(rest) and rest[-1].replace("_", "-") in with_value
+        (rest if value or word.startswith("-") else words).append(word)
+    return words, rest
+
+
 def _run(args: list[str]) -> int:
     if not args or args[0] in ("-h", "--help", "help"):
         print(usage())
@@ -215,11 +326,17 @@ def _run(args: list[str]) -> int:
         return 0
 
 
-def _prepare(device: str) -> None:
+def _rate_on_one_core() -> None:
+    """Ratings solve small systems: OpenBLAS's second thread waits a hundred times their length on a busy machine."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy is imported
+
+
+def _prepare(device: str, config: Config | None = None) -> None:
     """Choose the device and set XLA's flags: must come before JAX is imported."""
     from dronecombat_jax import backend
 
-    backend.prepare(device)
+    devices = preflight.spread(config.train.num_seeds, config.run.devices, backend.cores()) if config else 1
+    backend.prepare(device, devices)
 
 
 if __name__ == "__main__":

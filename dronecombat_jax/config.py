@@ -222,6 +222,9 @@ class RunConfig:
     name: str = setting("", "name of the run (default: method-preset)")
     directory: str = setting("runs", "folder that holds all runs")
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute; asked for and absent is an error")
+    devices: int = setting(
+        0, "devices to spread the seeds over; on a CPU its cores (0: as many as divide the seeds)", low=0, high=1024
+    )
     figures: bool = setting(True, "draw learning curves at the end")
     video: bool = setting(True, "render a picture and a short video of a fight at the end")
     evaluation_fights: int = setting(256, "fights of the evaluation at the end of training", low=1, high=10**6)

@@ -143,6 +143,13 @@ def _run(config: Config) -> Iterator[Problem]:
         yield Problem(("run.name",), "run.name must be at most 100 of A-Z a-z 0-9 . _ - and not start with a dot")
     if not config.run.directory:
         yield Problem(("run.directory",), "run.directory must not be empty")
+    seeds, devices = config.train.num_seeds, config.run.devices
+    if devices and seeds % devices:
+        fits = [count for count in range(1, seeds + 1) if seeds % count == 0]
+        yield Problem(
+            ("run.devices", "train.num_seeds"),
+            f"run.devices = {devices} must divide train.num_seeds = {seeds}: {', '.join(map(str, fits))}, or 0 for the most",
+        )
     last = config.train.seed + config.train.num_seeds - 1
     if last > 2**31 - 1:
         yield Problem(
@@ -156,6 +163,12 @@ def _run(config: Config) -> Iterator[Problem]:
             f"train.total_steps = {config.train.total_steps} are {iterations} iterations of "
             f"{config.steps_per_iteration} environment steps; they must be at most {2**31 - 1}",
         )
+
+
+def spread(num_seeds: int, wanted: int, available: int) -> int:
+    """Devices that `num_seeds` seeds are spread over, the same number on each: `wanted`, or the most (0)."""
+    most = min(num_seeds, available if wanted == 0 else wanted)
+    return next(count for count in range(max(most, 1), 0, -1) if num_seeds % count == 0)
 
 
 def _nearest_batches(config: Config) -> str:

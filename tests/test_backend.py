@@ -25,16 +25,16 @@ import importlib.metadata, json, os, sys
 importlib.metadata.version = lambda name: {version!r}
 from dronecombat_jax import backend
 {patch}
-backend.prepare({device!r})
+backend.prepare({device!r}, {cpu_devices})
 assert "jax" not in sys.modules and "mujoco" not in sys.modules
 print(json.dumps(dict(os.environ) | {{"set by us": backend._set_by_us}}))
 """
 
 
-def prepared(tmp_path, version="0.12.0.1", device="cpu", patch="", **environment) -> dict:
+def prepared(tmp_path, version="0.12.0.1", device="cpu", patch="", cpu_devices=1, **environment) -> dict:
     """The environment after `prepare(device)` with jax `version`, in a fresh interpreter that never imports JAX."""
     clean = {name: value for name, value in os.environ.items() if name not in OURS and not name.startswith("JAX_")}
-    code = PREPARE.format(version=version, device=device, patch=patch)
+    code = PREPARE.format(version=version, device=device, patch=patch, cpu_devices=cpu_devices)
     given = clean | {"DRONECOMBAT_CACHE": str(tmp_path)} | environment
     result = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
     return json.loads(result.stdout)
@@ -49,6 +49,14 @@ def test_jax_0_12_gets_no_flags(tmp_path):
     found = prepared(tmp_path, "0.12.0.1")
     assert "XLA_FLAGS" not in found
     assert "TF_CPP_MIN_LOG_LEVEL" not in found
+
+
+def test_a_cpu_pretends_to_be_several_devices_unless_the_user_has_said_how_many(tmp_path):
+    flag = "--xla_force_host_platform_device_count"
+    assert prepared(tmp_path, "0.12.0.1", cpu_devices=2)["XLA_FLAGS"] == f"{flag}=2"
+    old = prepared(tmp_path, "0.10.1", cpu_devices=2)
+    assert old["XLA_FLAGS"] == old["set by us"]["XLA_FLAGS"] == f"{DEADLOCK_OFF} {flag}=2"
+    assert prepared(tmp_path, "0.12.0.1", cpu_devices=2, XLA_FLAGS=f"{flag}=4")["XLA_FLAGS"] == f"{flag}=4"
 
 
 def test_flags_of_the_user_are_kept(tmp_path):

@@ -10,7 +10,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 import dronecombat_jax
-from dronecombat_jax import cli, flags, runs, settings
+from dronecombat_jax import arena, cli, flags, report, runs, settings
 from dronecombat_jax.config import Config, setting
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, EXIT_STOPPED, UserError
 
@@ -34,7 +34,7 @@ def rooms(monkeypatch, tmp_path):
 
         return call
 
-    stand_in(dronecombat_jax, "backend", prepare=record("prepare"))
+    stand_in(dronecombat_jax, "backend", prepare=record("prepare"), cores=lambda: 2)
     stand_in(dronecombat_jax, "doctor", doctor=record("doctor", 2))
     stand_in(runs, "training", train=record("train", EXIT_STOPPED))
     match = lambda *asked: ("match", *asked)
@@ -47,7 +47,7 @@ def trained(rooms, *args: str) -> Config:
     """The configuration that `dronecombat train` hands over."""
     assert cli.main(["train", *args]) == EXIT_STOPPED
     prepared, (name, config) = rooms.calls
-    assert prepared == ("prepare", config.run.device) and name == "train"
+    assert prepared == ("prepare", config.run.device, 1) and name == "train"
     return config
 
 
@@ -61,6 +61,11 @@ def refused(capsys, *args: str, code: int = EXIT_CONFIG) -> list[str]:
 
 
 # train
+
+
+def test_seeds_are_spread_over_the_cores(rooms):
+    assert cli.main(["train", "--train.num-seeds", "4"]) == EXIT_STOPPED
+    assert rooms.calls[0] == ("prepare", "auto", 2)
 
 
 def test_the_default_preset_is_duel(rooms):
@@ -205,9 +210,9 @@ def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
     assert cli.main(["evaluate", "mine"]) == 0
     assert cli.main(["evaluate", "elsewhere", "--fights", "3", "--chunk", "0", "--seed", "9", "--stochastic"]) == 0
     assert rooms.calls == [
-        ("prepare", "auto"),
+        ("prepare", "auto", 1),
         ("evaluate", Path("runs/mine"), ("match", 256, 0, False, "", "", ""), None),
-        ("prepare", "auto"),
+        ("prepare", "auto", 1),
         ("evaluate", Path("elsewhere"), ("match", 3, 9, True, "", "", ""), 0),
     ]
 
@@ -354,3 +359,19 @@ def test_a_reader_that_leaves_is_no_traceback():
     result = subprocess.run(command, env=environment, stdout=writing, stderr=subprocess.PIPE, text=True)
     os.close(writing)
     assert "Traceback" not in result.stderr and "Exception" not in result.stderr
+
+
+def test_report_and_compare_hand_over_their_words(rooms, capsys):
+    calls = rooms.calls
+    say = lambda name: lambda *args, **kwargs: calls.append((name, args, kwargs)) or 0
+    rooms.stand_in(report, "tournament_report", report=say("report"))
+    rooms.stand_in(report, "comparison", compare=say("compare"))
+    rooms.stand_in(arena, "rectangle", Rules=lambda *rules: rules)
+    assert cli.main(["report", "joint", "--out", "there"]) == 0
+    assert cli.main(["compare", "a", "b", "--by", "preset", "c", "--episodes", "7"]) == 0
+    assert [call[0] for call in calls] == ["prepare", "report", "prepare", "compare"]
+    assert calls[1][1] == ("joint", Path("there"))
+    _, (words, rules), options = calls[3]
+    assert words == ["a", "b", "c"] and rules == (7, 0, False)
+    assert (options["by"], options["every"], options["name"]) == ("preset", 10, "")
+    assert refused(capsys, "compare", "a", "--bye", "x")[0].startswith("--bye: unknown flag")

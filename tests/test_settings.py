@@ -478,3 +478,24 @@ def test_settings_import_neither_jax_nor_mujoco():
     )
     result = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=True)
     assert result.stdout == "[]\n"
+
+
+def test_devices_must_divide_the_seeds():
+    assert settings.load("smoke", {"train.num_seeds": 4, "run.devices": 2}).run.devices == 2
+    with pytest.raises(UserError) as error:
+        settings.load("smoke", {"train.num_seeds": 4, "run.devices": 3})
+    assert "run.devices = 3 must divide train.num_seeds = 4: 1, 2, 4, or 0 for the most" in error.value.message
+
+
+@pytest.mark.parametrize(
+    ("seeds", "wanted", "available", "expected"),
+    [(1, 0, 2, 1), (2, 0, 2, 2), (3, 0, 2, 1), (8, 0, 6, 4), (8, 2, 1, 2), (5, 0, 64, 5)],
+)
+def test_seeds_are_spread_evenly(seeds, wanted, available, expected):
+    assert preflight.spread(seeds, wanted, available) == expected
+
+
+def test_self_play_needs_two_sides():
+    with pytest.raises(UserError) as error:
+        settings.load("solo", {"selfplay.probability": 0.2})
+    assert error.value.message.startswith("--selfplay.probability: selfplay.probability = 0.2 needs game.scenario")

@@ -38,6 +38,8 @@ class ChunkLog:
             self._rows = [row for row in metrics.read(metrics_path) if row.get("chunk") == chunk]
         self._writer = MetricsWriter(path)
         self._seconds = {"compile": 0.0, "program": 0.0, "saving": 0.0}
+        self._added = 0  # records since the last summary
+        self.flight: float | None = None  # seconds of physics and rollout in an iteration of all seeds, once measured
 
     def __enter__(self) -> "ChunkLog":
         return self
@@ -55,20 +57,31 @@ class ChunkLog:
     def add(self, record: Record) -> None:
         """Take in the record of one iteration and seed."""
         self._rows.append(record)
+        self._added += 1
 
     def write(self, selfplay: SelfPlay | None) -> None:
         """Sum up the chunk that has ended, to the disk; `selfplay` as at its end, NumPy leaves [S, ...].
 
-        Seconds of all seeds together. The save that follows counts with the next chunk: it must cover this record.
+        Seconds of all seeds together; rollout (physics and policies) and update are the program's, split by one
+        measurement of flying alone. The save that follows counts with the next chunk: it must cover this record.
         """
         for index in range(self._config.train.num_seeds):
             seed = self._config.train.seed + index
             rows = [row for row in self._rows if row["seed"] == seed]
-            seconds = {f"seconds/{what}": round(value, 3) for what, value in self._seconds.items()}
+            seconds = {f"seconds/{what}": round(value, 3) for what, value in self._split().items()}
             self._writer.write(summary(rows) | met(self._config, selfplay, index, rows[-1]["chunk"]) | seconds)
         self._writer.sync()
         self._rows.clear()
+        self._added = 0
         self._seconds = dict.fromkeys(self._seconds, 0.0)
+
+    def _split(self) -> dict[str, float]:
+        """The seconds, the program's split into flying (as measured once) and learning (the rest)."""
+        if self.flight is None:
+            return self._seconds
+        program = self._seconds["program"]
+        flown = min(self.flight * self._added / self._config.train.num_seeds, program)
+        return {**self._seconds, "rollout": flown, "update": program - flown}
 
 
 def summary(rows: list[Record]) -> Record:

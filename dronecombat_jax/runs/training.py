@@ -18,6 +18,7 @@ from dronecombat_jax.runs.chunks import ChunkLog
 from dronecombat_jax.runs.claim import claim_run
 from dronecombat_jax.runs.guards import Watch, device_errors, write_dump
 from dronecombat_jax.runs.metrics import MetricsWriter, truncate_after
+from dronecombat_jax.runs.program import call_iterations, flight_seconds, seed_devices
 from dronecombat_jax.runs.progress import Progress, make_progress
 from dronecombat_jax.runs.provenance import check_meta
 from dronecombat_jax.runs.records import progress_update, records
@@ -25,10 +26,6 @@ from dronecombat_jax.runs.resume import Start, find_start, restored_state
 from dronecombat_jax.runs.rundir import RunDirectory, run_path
 from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.runs.signals import StopFlag, stop_signals
-
-# A program call is a few iterations: short enough to answer a signal within seconds on a laptop.
-MAX_CALL_ITERATIONS = 5
-LONGEST_CALL_ITERATIONS = 15  # rather than single iterations, whose calls a fast device would wait for
 
 Advance = Callable[[Any], tuple[Any, Any]]
 
@@ -60,14 +57,6 @@ def train(config: Config, fork_of: str | None = None, chunk: int | None = None) 
             saver = Saver(run, config, progress, _inherited(start, source))
             with device_errors():
                 return _run(run, config, start, saver, stop)
-
-
-def call_iterations(config: Config) -> int:
-    """Iterations per program call: the largest divisor of a chunk up to 5; above 5 where that would be 1 or 2."""
-    chunk = config.train.chunk_iterations
-    divisors = [n for n in range(1, LONGEST_CALL_ITERATIONS + 1) if chunk % n == 0]
-    short, long = [n for n in divisors if n <= MAX_CALL_ITERATIONS], [n for n in divisors if n > MAX_CALL_ITERATIONS]
-    return long[0] if long and short[-1] <= 2 else short[-1]
 
 
 def _greet(run: RunDirectory, config: Config, start: Start | None) -> None:
@@ -128,7 +117,7 @@ def _prepare(
     import jax
 
     from dronecombat_jax.combat.env import Combat
-    from dronecombat_jax.selfplay.chunk import build_advance, init_state
+    from dronecombat_jax.selfplay.chunk import SEEDS, build_advance, init_state
 
     combat = Combat(config)
     if start is None:
@@ -142,8 +131,10 @@ def _prepare(
     steps = int(state.iteration[0]) * config.steps_per_iteration if start else -1
     for log in (run.metrics, run.chunks):
         truncate_after(log, steps)
-    program = jax.jit(build_advance(combat, call_iterations(config)), donate_argnums=0)
-    return jax.device_put(state), lambda state: program.lower(state).compile()
+    mesh = seed_devices(config)
+    program = jax.jit(build_advance(combat, call_iterations(config), mesh), donate_argnums=0)
+    where = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec(SEEDS)) if mesh else None
+    return jax.device_put(jax.device_get(state), where), lambda state: program.lower(state).compile()
 
 
 def _advance(
@@ -179,6 +170,7 @@ def _advance(
             state_here = jax.device_get(state)
             metrics.sync()
             if ends_chunk:
+                chunks.flight = chunks.flight or flight_seconds(config, state)
                 chunks.write(state_here.selfplay)
             with chunks.timed("saving"):
                 saver.save(state_here)

@@ -9,6 +9,7 @@ rollout then holds one phase of the fight only, and the policies forget the othe
 
 from collections.abc import Callable
 from enum import IntEnum
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +18,7 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config import Config
 from dronecombat_jax.learn.ippo import init_learner, learn_from
-from dronecombat_jax.learn.rollout import Policies, collect
+from dronecombat_jax.learn.rollout import collect
 from dronecombat_jax.selfplay.pool import NOBODY, choose, count_wins, init_selfplay, lose_live, players, save_players
 from dronecombat_jax.types import (
     NUM_AGENTS,
@@ -29,6 +30,8 @@ from dronecombat_jax.types import (
     Transition,
     UpdateMetrics,
 )
+
+SEEDS = "seeds"
 
 
 class Purpose(IntEnum):
@@ -63,35 +66,59 @@ def init_state(combat: Combat) -> TrainState:
     return jax.lax.map(init_seed, seeds)
 
 
-def build_advance(combat: Combat, iterations: int) -> Callable[[TrainState], tuple[TrainState, IterationMetrics]]:
+def build_advance(
+    combat: Combat, iterations: int, mesh: jax.sharding.Mesh | None = None
+) -> Callable[[TrainState], tuple[TrainState, IterationMetrics]]:
     """Return `advance(state) -> (state, metrics)`: `iterations` iterations for every seed.
 
     Leaves of the state are [S, ...], of the metrics [S, iterations, ...]. Not jitted here. Seeds run
     one after the other, so that each one's products stay plain matrix products and its numbers are
-    those it has alone.
+    those it has alone; with a `mesh` (`seed_mesh`) each device runs its share of them.
+    """
+    return _for_all_seeds(lambda state: advance_iteration(combat, state), iterations, mesh)
+
+
+def build_flight(
+    combat: Combat, iterations: int, mesh: jax.sharding.Mesh | None = None
+) -> Callable[[TrainState], tuple[TrainState, Transition]]:
+    """Return a function like `advance` that flies and does not learn: what is left is the learning's time.
+
+    Instead of metrics it returns the sums of what was collected, so that all of it is computed.
     """
 
-    def one_iteration(state: TrainState, _: None) -> tuple[TrainState, IterationMetrics]:
-        return advance_iteration(combat, state)
+    def fly(state: TrainState) -> tuple[TrainState, Transition]:
+        env, rollout = _collect(combat, state)
+        return state.replace(env=env, iteration=state.iteration + 1), jax.tree.map(jnp.sum, rollout)
 
-    def one_seed(state: TrainState) -> tuple[TrainState, IterationMetrics]:
-        return jax.lax.scan(one_iteration, state, None, length=iterations)
+    return _for_all_seeds(fly, iterations, mesh)
 
-    return lambda state: jax.lax.map(one_seed, state)
+
+def _for_all_seeds(
+    one: Callable[[TrainState], tuple[TrainState, Any]], iterations: int, mesh: jax.sharding.Mesh | None
+) -> Callable[[TrainState], tuple[TrainState, Any]]:
+    """`one` iteration of one seed, `iterations` times for every seed [S, ...]."""
+
+    def one_seed(state: TrainState) -> tuple[TrainState, Any]:
+        return jax.lax.scan(lambda state, _: one(state), state, None, length=iterations)
+
+    all_seeds = lambda state: jax.lax.map(one_seed, state)
+    if mesh is None:
+        return all_seeds
+    seeds = jax.sharding.PartitionSpec(SEEDS)
+    return jax.shard_map(all_seeds, mesh=mesh, in_specs=seeds, out_specs=seeds, check_vma=False)
+
+
+def seed_mesh(devices: int) -> jax.sharding.Mesh:
+    """A mesh of the first `devices` devices, along which the seeds are spread."""
+    return jax.make_mesh((devices,), (SEEDS,), (jax.sharding.AxisType.Auto,), devices=jax.local_devices()[:devices])
 
 
 def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, IterationMetrics]:
     """One iteration of one seed: fly and learn, in the fights under way or, if so set, in new ones at a chunk's start."""
     config = combat.config
     state = begin_chunk(combat, state)
-    noise, spawn, shuffle = (
-        _key(state.seed, state.iteration, p) for p in (Purpose.NOISE, Purpose.SPAWN, Purpose.SHUFFLE)
-    )
-
-    def fly(policies: Policies) -> tuple[EnvState, Transition]:
-        return collect(combat, policies, state.env, noise, spawn)
-
-    env, rollout = _fly_chunk(config, state, fly)
+    env, rollout = _collect(combat, state)
+    shuffle = _key(state.seed, state.iteration, Purpose.SHUFFLE)
     learning = jnp.stack([~waits(config, state.iteration), jnp.ones((), bool)])
     if state.selfplay is not None:
         learning &= jnp.arange(NUM_AGENTS) != state.selfplay.frozen
@@ -164,10 +191,11 @@ def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvSt
     return env.replace(clock=jax.random.randint(key, (num_envs,), 0, config.game.episode_steps, jnp.int32))
 
 
-def _fly_chunk(
-    config: Config, state: TrainState, fly: Callable[[Policies], tuple[EnvState, Transition]]
-) -> tuple[EnvState, Transition]:
+def _collect(combat: Combat, state: TrainState) -> tuple[EnvState, Transition]:
     """Fly with those who play in this chunk; a policy for each environment is costly, so live chunks go without."""
+    config = combat.config
+    noise, spawn = (_key(state.seed, state.iteration, purpose) for purpose in (Purpose.NOISE, Purpose.SPAWN))
+    fly = lambda policies: collect(combat, policies, state.env, noise, spawn)
     policies = players(config, state.learners, state.selfplay)
     if state.selfplay is None or config.selfplay.scope == "chunk":
         return fly(policies)

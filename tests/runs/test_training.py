@@ -57,7 +57,9 @@ def test_a_training_leaves_its_files_and_complete_metrics(whole):
         assert row["outcome/attacker_crash"] * row["episodes"] == pytest.approx(crashed)
         assert row["learning_rate/attacker"] == inside[-1]["learning_rate/attacker"]
     assert [row["seconds/compile"] > 0.0 for row in chunks] == [True] * 2 + [False] * (2 * CHUNKS - 2)
-    assert all(row["seconds/program"] > 0.0 for row in chunks)
+    for row in chunks:
+        assert row["seconds/program"] > 0.0 and row["seconds/rollout"] > 0.0 and row["seconds/update"] >= 0.0
+        assert row["seconds/rollout"] + row["seconds/update"] == pytest.approx(row["seconds/program"], abs=0.003)
     saved = checkpoint.steps(whole.path / "checkpoints")
     assert saved == [CHUNK * i for i in range(CHUNKS + 1)]  # the untrained state too
     assert checkpoint.read_meta(whole.path / "checkpoints", saved[-1])["steps"] == CHUNKS * CHUNK * STEPS
@@ -95,6 +97,19 @@ def test_a_killed_run_goes_on_to_the_same_bits(whole):
     assert digest(run) == digest(whole.path)
     assert (run / "metrics.jsonl").read_bytes() == (whole.path / "metrics.jsonl").read_bytes()
     assert timeless(run / "chunks.jsonl") == timeless(whole.path / "chunks.jsonl")
+
+
+def test_two_devices_killed_and_resumed_come_to_the_bits_of_one(tmp_path):
+    """S-IPPO, a seed on each device; straight on one device, and killed on two."""
+    selfplay = ("--selfplay.probability", "0.5", "--run.no-figures")
+    code, _, err = finish(train(tmp_path, "straight", *selfplay, "--run.devices", "1"))
+    assert code == 0, err
+    two, run = (*selfplay, "--run.devices", "2"), tmp_path / "killed"
+    code, _, _ = interrupt(train(tmp_path, "killed", *two), run, after=8, number=signal.SIGKILL)
+    assert code == -signal.SIGKILL
+    code, out, err = finish(train(tmp_path, "killed", *two))
+    assert code == 0 and "resuming after" in out and "cpu:1" in out, err
+    assert digest(run) == digest(tmp_path / "straight")
 
 
 def timeless(path: Path) -> list[dict]:

@@ -75,6 +75,7 @@ def toy(monkeypatch, tmp_path) -> SimpleNamespace:
         return advance
 
     monkeypatch.setattr(training, "_prepare", prepare)
+    monkeypatch.setattr(training, "flight_seconds", lambda config, state: 1e-6)
     config = replace(TOY, run=RunConfig(name="toy", directory=str(tmp_path)))
     path = tmp_path / "toy"
     return SimpleNamespace(config=config, path=path, hooks=hooks, faults=faults, begun=begun)

@@ -1,0 +1,50 @@
+"""What a run's program looks like on this machine: iterations per call, devices, and what flying takes of it."""
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from dronecombat_jax.config import Config
+from dronecombat_jax.errors import EXIT_CONFIG, UserError
+from dronecombat_jax.preflight import spread
+
+if TYPE_CHECKING:
+    import jax
+
+# A program call is a few iterations: short enough to answer a signal within seconds on a laptop.
+MAX_CALL_ITERATIONS = 5
+LONGEST_CALL_ITERATIONS = 15  # rather than single iterations, whose calls a fast device would wait for
+
+
+def call_iterations(config: Config) -> int:
+    """Iterations per program call: the largest divisor of a chunk up to 5; above 5 where that would be 1 or 2."""
+    chunk = config.train.chunk_iterations
+    divisors = [n for n in range(1, LONGEST_CALL_ITERATIONS + 1) if chunk % n == 0]
+    short, long = [n for n in divisors if n <= MAX_CALL_ITERATIONS], [n for n in divisors if n > MAX_CALL_ITERATIONS]
+    return long[0] if long and short[-1] <= 2 else short[-1]
+
+
+def flight_seconds(config: Config, state: Any) -> float:
+    """Measure once what flying alone takes of an iteration of all seeds, in s; `state` stays as it is."""
+    import jax
+
+    from dronecombat_jax.combat.env import Combat
+    from dronecombat_jax.selfplay.chunk import build_flight
+
+    iterations = call_iterations(config)
+    fly = jax.jit(build_flight(Combat(config), iterations, seed_devices(config))).lower(state).compile()
+    start = time.monotonic()
+    jax.block_until_ready(fly(state))
+    return (time.monotonic() - start) / iterations
+
+
+def seed_devices(config: Config) -> "jax.sharding.Mesh | None":
+    """The devices that the seeds are spread over; None for a single one. UserError 2 where there are fewer than asked."""
+    import jax
+
+    from dronecombat_jax.selfplay.chunk import seed_mesh
+
+    wanted, there = config.run.devices, jax.local_device_count()
+    if wanted > there:
+        raise UserError(f"run.devices = {wanted}: there are {there}", EXIT_CONFIG)
+    count = spread(config.train.num_seeds, wanted, there)
+    return seed_mesh(count) if count > 1 else None

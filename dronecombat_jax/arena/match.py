@@ -48,26 +48,49 @@ def fight(combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key
     def running(carry: tuple) -> jax.Array:
         return jnp.any(carry[1].cause == Cause.NONE)
 
-    def advance(carry: tuple) -> tuple:
+    def step_on(carry: tuple) -> tuple:
         state, result, step = carry
-        state, result, _ = _advance(combat, defender, attacker, state, result, jax.random.fold_in(key, step))
+        state, result, _ = advance(combat, defender, attacker, state, result, jax.random.fold_in(key, step))
         return state, result, step + 1
 
-    carry = (start, _no_result(start), jnp.zeros((), jnp.int32))
-    return jax.lax.while_loop(running, advance, carry)[1]
+    carry = (start, no_result(start), jnp.zeros((), jnp.int32))
+    return jax.lax.while_loop(running, step_on, carry)[1]
 
 
 def record(combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key: jax.Array) -> FightRecord:
     """Like `fight`, keeping every step: `episode_steps` of them."""
 
-    def advance(carry: tuple, step: jax.Array) -> tuple:
+    def step_on(carry: tuple, step: jax.Array) -> tuple:
         state, result = carry
-        state, result, action = _advance(combat, defender, attacker, state, result, jax.random.fold_in(key, step))
+        state, result, action = advance(combat, defender, attacker, state, result, jax.random.fold_in(key, step))
         return (state, result), (state.qpos, state.qvel, jnp.clip(action, -1.0, 1.0))
 
     steps = jnp.arange(combat.config.game.episode_steps)
-    (_, result), (qpos, qvel, action) = jax.lax.scan(advance, (start, _no_result(start)), steps)
+    (_, result), (qpos, qvel, action) = jax.lax.scan(step_on, (start, no_result(start)), steps)
     return FightRecord(qpos, qvel, action, start, result)
+
+
+def advance(
+    combat: Combat, defender: Pilot, attacker: Pilot, state: EnvState, result: FightResult, key: jax.Array
+) -> tuple[EnvState, FightResult, jax.Array]:
+    """Fly one control step of every fight `state` [E, ...] whose `result` [E, ...] has no cause yet; the rest stand still.
+
+    Also returns the actions [E, A, 4] that the pilots gave. A fight's outcome does not depend on the others beside it.
+    """
+    observation = jax.vmap(combat.observe)(state)
+    keys = jax.random.split(key)
+    pilots = {DEFENDER: defender, ATTACKER: attacker}
+    action = jnp.stack([pilots[role](state, observation, keys[role]) for role in sorted(pilots)], axis=1)
+    after, output = jax.vmap(combat.step)(state, action)
+    on = result.cause == Cause.NONE
+    keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+    now = FightResult(output.cause, result.steps + 1, after.out & ~_absent(combat))
+    return jax.tree.map(keep, after, state), jax.tree.map(keep, now, result), action
+
+
+def no_result(start: EnvState) -> FightResult:
+    """The result [E, ...] of fights that have not ended."""
+    return FightResult(jnp.zeros_like(start.clock), jnp.zeros_like(start.clock), jnp.zeros_like(start.out))
 
 
 def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
@@ -86,23 +109,5 @@ def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
     )
 
 
-def _advance(
-    combat: Combat, defender: Pilot, attacker: Pilot, state: EnvState, result: FightResult, key: jax.Array
-) -> tuple[EnvState, FightResult, jax.Array]:
-    observation = jax.vmap(combat.observe)(state)
-    keys = jax.random.split(key)
-    pilots = {DEFENDER: defender, ATTACKER: attacker}
-    action = jnp.stack([pilots[role](state, observation, keys[role]) for role in sorted(pilots)], axis=1)
-    after, output = jax.vmap(combat.step)(state, action)
-    on = result.cause == Cause.NONE
-    keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-    now = FightResult(output.cause, result.steps + 1, after.out & ~_absent(combat))
-    return jax.tree.map(keep, after, state), jax.tree.map(keep, now, result), action
-
-
 def _absent(combat: Combat) -> jax.Array:
     return jnp.asarray([combat.config.game.scenario == "solo", False])
-
-
-def _no_result(start: EnvState) -> FightResult:
-    return FightResult(jnp.zeros_like(start.clock), jnp.zeros_like(start.clock), jnp.zeros_like(start.out))

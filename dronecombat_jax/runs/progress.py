@@ -35,7 +35,7 @@ class ProgressUpdate(NamedTuple):
 class Progress:
     """Lines, at most one every few seconds: the display where no terminal is. A context manager.
 
-    `total_steps` and `done_steps` (a resume) are environment steps, all seeds together.
+    `total_steps` and `done_steps` (a resume) are environment steps, all seeds together, or what else `unit` says.
     """
 
     def __init__(
@@ -45,8 +45,9 @@ class Progress:
         done_steps: int = 0,
         stream: IO[str] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        unit: str = "steps",
     ):
-        self.title = printable(title)
+        self.title, self.unit = printable(title), unit
         self.total_steps = total_steps
         self.last = ProgressUpdate(done_steps)
         self.meter = RateMeter(clock)
@@ -100,10 +101,10 @@ class Progress:
 class TerminalProgress(Progress):
     """Two rows that update in place: bar, rate and ETA; shares of both sides."""
 
-    def __init__(self, title: str, total_steps: int, done_steps: int, console: "Console"):
+    def __init__(self, title: str, total_steps: int, done_steps: int, console: "Console", unit: str = "steps"):
         from rich.live import Live
 
-        super().__init__(title, total_steps, done_steps)
+        super().__init__(title, total_steps, done_steps, unit=unit)
         self._console = console
         self._compiling = ""
         self._compiling_since = 0.0
@@ -156,14 +157,14 @@ class TerminalProgress(Progress):
         return Group(row, status)
 
 
-def make_progress(title: str, total_steps: int, done_steps: int = 0) -> Progress:
+def make_progress(title: str, total_steps: int, done_steps: int = 0, unit: str = "steps") -> Progress:
     """The display that fits stdout: in place on a terminal, lines in a file, a pipe or a notebook."""
     from rich.console import Console
 
     console = Console()
     if console.is_terminal and not console.is_dumb_terminal and not console.is_jupyter:
-        return TerminalProgress(title, total_steps, done_steps, console)
-    return Progress(title, total_steps, done_steps)
+        return TerminalProgress(title, total_steps, done_steps, console, unit)
+    return Progress(title, total_steps, done_steps, unit=unit)
 
 
 def steps_text(progress: Progress) -> str:
@@ -171,7 +172,7 @@ def steps_text(progress: Progress) -> str:
     done, total = progress.last.steps, progress.total_steps
     percent = 100.0 * min(done / total, 1.0) if total else 100.0
     return (
-        f"{count_text(done)}/{count_text(total)} {percent:.0f} %  {rate_text(progress.meter.rate())}  "
+        f"{count_text(done)}/{count_text(total)} {percent:.0f} %  {rate_text(progress.meter.rate(), progress.unit)}  "
         f"ETA {duration_text(progress.meter.remaining(total))}"
     )
 

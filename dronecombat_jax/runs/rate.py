@@ -50,9 +50,9 @@ def count_text(steps: float) -> str:
     return f"{steps:,.0f}"
 
 
-def rate_text(rate: float) -> str:
-    """Steps per second, or "..." while unknown."""
-    return "... steps/s" if math.isnan(rate) else f"{rate:,.0f} steps/s"
+def rate_text(rate: float, unit: str = "steps") -> str:
+    """Steps (or another `unit`) per second, or "..." while unknown."""
+    return f"... {unit}/s" if math.isnan(rate) else f"{rate:,.0f} {unit}/s"
 
 
 def duration_text(seconds: float) -> str:

@@ -1,0 +1,144 @@
+"""The program of a round robin: one batch of lanes, each with a fight of its own, flown for a few control steps.
+
+Lanes of one policy sit together in blocks, so that a side's policies fly as one batched product over small blocks.
+Every shape is static, and neither the number of entrants nor that of episodes is one of them: a program is compiled
+once for two networks. What does not live here: who flies where (`schedule`), the whole grid (`tournament`).
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dronecombat_jax.arena.match import advance, no_result
+from dronecombat_jax.arena.players import Kind
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.scripted import PILOTS, Pilot, build_pilot, one_per_fight
+from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.learn.rollout import policy_mean
+from dronecombat_jax.types import ACTION_SIZE, ATTACKER, DEFENDER, NUM_AGENTS, Cause, EnvState, FightResult, Policy
+
+STARTS, NOISE = 0, 1  # what the tournament's seed is drawn on for
+
+
+class Layout(NamedTuple):
+    """Static shapes of one batch; no outcome depends on them."""
+
+    lanes: int
+    block: int  # lanes that share one policy's product
+    blocks: int  # on each side; more than lanes / block, for those that are not full
+    steps: int = 16  # control steps of a call
+
+
+class Side(NamedTuple):
+    """Who flies one side in a call."""
+
+    policies: Policy | None  # leaves [blocks, ...]
+    rows: jax.Array  # [blocks, block] int32, the lane on each seat; an empty seat repeats lane 0
+    seat: jax.Array  # [L] int32, the seat of each lane, counted through all blocks; 0 for a lane without one
+    pilot: jax.Array  # [L] int32, the scripted pilot, numbered as in `PILOTS`; -1: a policy flies
+
+
+class Orders(NamedTuple):
+    """What the lanes are to do in a call."""
+
+    begin: jax.Array  # [L] bool: drop what was there and start anew
+    start: EnvState  # leaves [L, ...], used where a fight begins
+    words: jax.Array  # [L, 4] uint32, `players.content_words` of defender and attacker
+    episode: jax.Array  # [L] int32
+    seed: jax.Array  # [] uint32, of the tournament
+
+
+class Lanes(NamedTuple):
+    """A batch between two calls."""
+
+    state: EnvState  # leaves [L, ...]
+    result: FightResult  # leaves [L, ...]; a lane whose fight has a cause stands still
+
+
+Fly = Callable[[Lanes, Orders, tuple[Side, Side]], Lanes]
+
+
+def build_fly(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout, stochastic: bool) -> Fly:
+    """The function that flies a batch for `layout.steps` control steps; `kinds` by role. To be jitted."""
+
+    def fly(lanes: Lanes, orders: Orders, sides: tuple[Side, Side]) -> Lanes:
+        pick = lambda new, old: jnp.where(orders.begin.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+        lanes = jax.tree.map(pick, Lanes(orders.start, no_result(orders.start)), lanes)
+        keys = jax.vmap(partial(fight_key, orders.seed))(orders.words, orders.episode) if stochastic else None
+        defender, attacker = (_pilot(combat, kinds[role], sides[role], role, keys) for role in (DEFENDER, ATTACKER))
+        unused = jax.random.key(0)  # these pilots have the fights' own keys
+
+        def step(lanes: Lanes, _: jax.Array | None) -> tuple[Lanes, None]:
+            state, result, _actions = advance(combat, defender, attacker, lanes.state, lanes.result, unused)
+            return Lanes(state, result), None
+
+        return jax.lax.scan(step, lanes, None, length=layout.steps)[0]
+
+    return fly
+
+
+def idle_lanes(combat: Combat, layout: Layout) -> Lanes:
+    """A batch in which nobody has begun to fight; NumPy leaves."""
+    one = jax.eval_shape(combat.reset, jax.random.key(0))
+    state = jax.tree.map(lambda leaf: np.zeros((layout.lanes, *leaf.shape), leaf.dtype), one)
+    result = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), jax.eval_shape(no_result, state))
+    return Lanes(state, result._replace(cause=np.full_like(result.cause, Cause.TIMEOUT)))
+
+
+def start_states(combat: Combat, seed: jax.Array | int, episodes: int) -> EnvState:
+    """The start states [E, ...] of a tournament, the same in every cell; that of episode e depends on `seed` and e alone."""
+    key = jax.random.fold_in(jax.random.key(seed), STARTS)
+    return jax.vmap(lambda episode: combat.reset(jax.random.fold_in(key, episode)))(jnp.arange(episodes))
+
+
+def fight_key(seed: jax.Array, words: jax.Array, episode: jax.Array) -> jax.Array:
+    """The key of one stochastic fight: of the seed, `words` [4] of both players, and the episode, and of nothing else.
+
+    As the key of `match.fight` for this fight alone it gives the same draws.
+    """
+    key = jax.random.fold_in(jax.random.key(seed), NOISE)
+    for number in (*words, episode):
+        key = jax.random.fold_in(key, number)
+    return key
+
+
+def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None) -> Pilot:
+    flown = [] if side.policies is None else [_policies(kind, side.policies, side, role, keys)]
+    pilots = [build_pilot(name, combat.config, combat.scene, role) for name in PILOTS[role]] if kind.scripted else []
+    scripted = side.pilot >= 0
+
+    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
+        actions = [pilot(state, observation, key) for pilot in flown]
+        if not pilots:
+            return actions[0]
+        follow = lambda: one_per_fight(pilots, jnp.maximum(side.pilot, 0))(state, observation, key)
+        if not actions:
+            return follow()
+        other = jax.lax.cond(jnp.any(scripted), follow, lambda: jnp.zeros_like(actions[0]))
+        return jnp.where(scripted[:, None], other, actions[0])
+
+    return act
+
+
+def _policies(kind: Kind, policies: Policy, side: Side, role: int, keys: jax.Array | None) -> Pilot:
+    """Every lane's policy, flown block by block; drawn with `keys` [L]."""
+    learn = LearnConfig(normalize_observations=kind.normalize)
+
+    def act(state: EnvState, observation: jax.Array, _: jax.Array) -> jax.Array:
+        seen = observation[side.rows, role]
+        mean = jax.vmap(partial(policy_mean, learn))(policies, seen).reshape(-1, ACTION_SIZE)[side.seat]
+        if keys is None:
+            return mean
+        spread = jnp.repeat(jnp.exp(policies.log_std), side.rows.shape[1], axis=0)[side.seat]
+        return mean + spread * jax.vmap(partial(_noise, role))(keys, state.clock)
+
+    return act
+
+
+def _noise(role: int, key: jax.Array, clock: jax.Array) -> jax.Array:
+    """What `match.fight` of one fight alone draws for the policy of `role` in the step after `clock`: [4]."""
+    return jax.random.normal(jax.random.split(jax.random.fold_in(key, clock), NUM_AGENTS)[role], (1, ACTION_SIZE))[0]

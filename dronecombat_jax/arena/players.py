@@ -1,0 +1,79 @@
+"""Who takes part in a round robin: players of one side, and those of them whom one program can fly.
+
+What does not live here: where they come from (`runs`), how they are flown (`lanes`).
+"""
+
+import hashlib
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecombat_jax.combat.scripted import PILOTS
+from dronecombat_jax.types import Policy
+
+
+class Player(NamedTuple):
+    """One entrant on one side, ready to fly."""
+
+    identity: str  # digest of its parameters, or the scripted pilot's name; its random numbers depend on it
+    pilot: Policy | str  # NumPy leaves without leading axes, log-std in its bounds; or the name of a scripted pilot
+    normalize: bool = True  # whether the policy sees scaled observations
+
+
+class Kind(NamedTuple):
+    """What one program can fly on one side."""
+
+    sizes: tuple[int, ...]  # of the policies' networks, from observation to action; (): no policies
+    normalize: bool  # whether they see scaled observations
+    scripted: bool  # scripted pilots fly among them
+
+
+def alike(players: Sequence[Player]) -> list[list[int]]:
+    """Indices of players by network; scripted pilots join the first, so that they need no program of their own."""
+    groups: dict[Any, list[int]] = {}
+    for index, player in enumerate(players):
+        groups.setdefault(_network(player), []).append(index)
+    scripted = groups.pop(None, [])
+    first, *others = list(groups.values()) or [[]]
+    return [sorted([*first, *scripted]), *others]
+
+
+def kind_of(players: Sequence[Player]) -> Kind:
+    """What a program must be able to fly for players who are `alike`."""
+    networks = {_network(player) for player in players}
+    sizes, normalize = next((network for network in networks if network is not None), ((), False))
+    return Kind(sizes, normalize, None in networks)
+
+
+def stack(players: Sequence[Player]) -> Policy | None:
+    """The policies of players who are `alike`, leaves [P, ...]; None without any.
+
+    In the place of a scripted pilot stands some policy, which never flies.
+    """
+    policies = [player.pilot for player in players if not isinstance(player.pilot, str)]
+    if not policies:
+        return None
+    filled = [policies[0] if isinstance(player.pilot, str) else player.pilot for player in players]
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *filled)
+
+
+def scripted_numbers(players: Sequence[Player], role: int) -> NDArray[np.int32]:
+    """The number of each scripted pilot in `PILOTS`, -1 for a policy; [P]."""
+    names = list(PILOTS[role])
+    return np.asarray([names.index(one.pilot) if isinstance(one.pilot, str) else -1 for one in players], np.int32)
+
+
+def content_words(identity: str) -> NDArray[np.uint32]:
+    """Two 32-bit words [2] of a player's identity, for its keys."""
+    return np.frombuffer(hashlib.sha256(identity.encode()).digest()[:8], "<u4").astype(np.uint32)
+
+
+def _network(player: Player) -> tuple[tuple[int, ...], bool] | None:
+    """Widths of its network and whether it normalises; None for a scripted pilot."""
+    if isinstance(player.pilot, str):
+        return None
+    weights = player.pilot.network.weights
+    return (weights[0].shape[0], *(weight.shape[1] for weight in weights)), player.normalize

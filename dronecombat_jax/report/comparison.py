@@ -1,0 +1,88 @@
+"""`dronecombat compare`: does one method's final defender beat another's, from one tournament of all runs."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from dronecombat_jax.arena.rectangle import Rules
+from dronecombat_jax.arena.result import TournamentResult
+from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, EXIT_TOURNAMENT, UserError
+from dronecombat_jax.report.plain import to_json
+from dronecombat_jax.report.tournament_report import find_tournament
+from dronecombat_jax.report.verdict import judge
+from dronecombat_jax.report.verdict_text import verdict_json, verdict_text
+from dronecombat_jax.runs import tournament as tournaments
+from dronecombat_jax.runs.atomic import write_atomic
+from dronecombat_jax.runs.grouping import group, other_differences, read_configs
+from dronecombat_jax.runs.result_file import load_result
+from dronecombat_jax.runs.rundir import find_run, run_path
+
+ANCHORS = "scripted:all"
+ENOUGH = 500  # fights behind one seed's score
+
+
+def compare(
+    runs: Sequence[str],
+    rules: Rules,
+    *,
+    by: str = "method",
+    name: str = "",
+    every: int = 10,
+    skip_bad: bool = False,
+    allow_mismatch: bool = False,
+    root: str = "tournaments",
+) -> int:
+    """Fly, or go on with, the cross-play of all `runs` and the scripted pilots, and judge it; returns an exit code.
+
+    Without `runs` the tournament `name` is judged as it lies there, by the methods that it names. UserError 2 for a
+    grouping that leaves nothing to compare, before anything is flown.
+    """
+    if not runs:
+        if not name or by != "method":
+            raise UserError("which runs? dronecombat compare RUN RUN ..., or --tournament NAME alone", EXIT_CONFIG)
+        return _judge(load_result(path := find_tournament(name, root)), path, by, [])
+    paths = [find_run(word) for word in dict.fromkeys(runs)]
+    configs = read_configs(paths)
+    groups = group(configs, by)
+    if len(set(groups.values())) < 2:
+        raise UserError(f"nothing to compare: all runs are of {next(iter(groups.values()))}; see --by", EXIT_CONFIG)
+    name = name or f"compare-{tournaments.default_name(runs)}"[:100]
+    words = [*map(str, paths), ANCHORS]
+    options = {"name": name, "every": every, "skip_bad": skip_bad, "allow_mismatch": allow_mismatch, "root": root}
+    code = tournaments.tournament(words, rules, **options)
+    if code not in (0, EXIT_TOURNAMENT):
+        return code
+    folder = run_path(root, name)
+    differ = other_differences(configs, by)
+    notes = [f"the runs differ in more than {by}: {', '.join(differ)}; any of it may be the cause"] if differ else []
+    _judge(regroup(load_result(folder), groups), folder, by, notes)
+    print(f"figures and tables of this tournament: dronecombat report {name}")
+    return code
+
+
+def regroup(result: TournamentResult, groups: Mapping[str, str]) -> TournamentResult:
+    """The same tournament with each entrant's method named by `groups`, run by run; pilots stay what they are."""
+    kind = lambda run: groups.get(run) or groups.get(run.rpartition("/")[0])  # of several seeds each is "run/seed"
+    for one in (*result.defenders, *result.attackers):
+        if one.run and not kind(one.run):
+            raise UserError(f"the tournament has a run that was not given: {one.run}", EXIT_DATA)
+    rename = lambda side: tuple(one._replace(method=kind(one.run)) if one.run else one for one in side)
+    return result._replace(defenders=rename(result.defenders), attackers=rename(result.attackers))
+
+
+def write_comparison(result: TournamentResult, folder: Path, by: str, notes: Sequence[str] = ()) -> str:
+    """Judge all pairs of methods, write comparison.json and comparison.txt into `folder`; returns the text."""
+    verdict = judge(result)
+    least = min(int(fights) for fights in verdict.panel.fights)
+    few = [f"only {least} fights behind one seed's score: {ENOUGH} are advised, see --episodes"] * (least < ENOUGH)
+    notes = [*notes, *few]
+    text = "\n".join([verdict_text(verdict), *(f"note: {note}" for note in notes)])
+    write_atomic(folder / "comparison.json", to_json({"by": by, **verdict_json(verdict), "notes": notes}))
+    write_atomic(folder / "comparison.txt", text + "\n")
+    return text
+
+
+def _judge(result: TournamentResult, path: Path, by: str, notes: Sequence[str]) -> int:
+    folder = path if path.is_dir() else path.parent
+    print(write_comparison(result, folder, by, notes))
+    print(f"written to {folder / 'comparison.json'} and comparison.txt")
+    return 0

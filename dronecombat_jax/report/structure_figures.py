@@ -1,0 +1,147 @@
+"""Figures of what ratings hide: forgetting, and how fights end over training."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from dronecombat_jax.arena.forgetting import Forgetting
+from dronecombat_jax.report.figures import OUTCOMES, Curves, draw_outcomes
+from dronecombat_jax.report.sheet import (
+    colours,
+    common,
+    counted,
+    games,
+    mean_and_spread,
+    name,
+    nothing,
+    own_games,
+    sheet,
+    timelines_of,
+)
+from dronecombat_jax.report.study import Memory, Study
+from dronecombat_jax.types import ROLES, Cause
+
+NO_MAP = "no run played its own attackers"
+SUMMARIES = {  # heading: of one run's memory
+    "backward transfer\n(final minus then,\nown past)": lambda one: one.defender.backward_transfer,
+    "worst case against\nthe own past,\nminus 1/2": lambda one: one.defender.final_worst - 0.5,
+    "home minus away\n(own attackers\nminus others')": lambda one: one.home - one.away,
+}
+
+
+def forgetting_profile(study: Study) -> Figure:
+    """Scores against opponents of the past and the future, and what the final policies lost."""
+    foot = (
+        "Score: a win 1, a draw 1/2. Lag: checkpoints of the tournament between learner and opponent, which are of the "
+        "same run; above 0 the opponent is older. Line: mean over seeds; band: one standard deviation over seeds. "
+        f"Right: the final defender of each seed, bar: mean over seeds. {own_games(study.result)}"
+    )
+    figure, axes = sheet(1, 3, (5.4, 4.4), "Forgetting: each run against its own past", foot)
+    colour = colours(study.methods)
+    for ax, role in zip(axes[0], ROLES, strict=False):
+        for method in study.methods:
+            told = [getattr(one, role) for one in _memories(study, method)]
+            _profile(ax, told, colour[method], f"{name(method)} ({len(told)})")
+        ax.axhline(0.5, color="#777777", linewidth=0.8, linestyle=":")
+        ax.axvline(0.0, color="#777777", linewidth=0.8, linestyle=":")
+        ax.set_title(f"{role}s", fontsize=12)
+        ax.set_xlabel("lag: opponent newer  <  0  <  opponent older  [checkpoints]")
+        ax.set_ylabel(f"{role}'s mean score")
+        ax.grid(alpha=0.25)
+        if not study.memory:
+            nothing(ax, NO_MAP)
+    if study.memory:
+        axes[0][0].legend(fontsize=9, framealpha=0.85, title="method (seeds)")
+        _summary(axes[0][2], study)
+    else:
+        nothing(axes[0][2], NO_MAP)
+    return figure
+
+
+def outcomes_over_time(study: Study) -> Figure:
+    """How the fights of each checkpoint end, over all its opponents."""
+    foot = (
+        "Mean over seeds, at checkpoints of all, of the shares of all fights of a checkpoint, over all its opponents in the "
+        f"tournament. {games(study.result)}"
+    )
+    rows = max(len(study.methods), 1)
+    figure, axes = sheet(rows, 2, (6.6, 3.6), "How fights end, by training of one side", foot, sharey=True)
+    handles: dict = {}
+    for row, method in zip(axes, study.methods, strict=False):
+        for ax, role, told in zip(row, ROLES, study.endings, strict=True):
+            side = (study.result.defenders, study.result.attackers)[ROLES.index(role)]
+            lines = {cause: timelines_of(side, told.share[:, cause], [method])[method] for cause in Cause if cause}
+            one = lines[Cause.INTERCEPT]
+            kept = common(one.values)
+            if not np.isfinite(one.values).any() or not kept.any():
+                nothing(ax, f"no {role} of this method fought, or its seeds have no checkpoint in common")
+            else:
+                values = {f"outcome/{cause.name.lower()}": line.values[:, kept] for cause, line in lines.items()}
+                steps = one.steps[kept]
+                draw_outcomes(ax, Curves(list(range(len(one.lineages))), steps, values), legend=False)
+                if len(steps) > 1:
+                    ax.set_xlim(steps[0], steps[-1])
+                handles |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+            seeds = int(np.isfinite(one.values).any(axis=1).sum())
+            ax.set_title(f"{name(method)}: {role}s of {counted(seeds, 'seed')}", fontsize=11)
+            ax.set_xlabel(f"environment steps that the {role} trained")
+    if not study.methods:
+        for ax in axes[0]:
+            nothing(ax, "no trained entrant took part")
+    if handles:
+        order = [label for label, _ in OUTCOMES.values() if label in handles]
+        figure.legend([handles[one] for one in order], order, loc="outside right upper", fontsize=9, frameon=False)
+    return figure
+
+
+def _memories(study: Study, method: str) -> list[Memory]:
+    runs = [one.run for one in study.win_maps[method]]
+    return [study.memory[run] for run in runs if run in study.memory]
+
+
+def _profile(ax: Axes, told: list[Forgetting], colour: str, label: str) -> None:
+    if not told:
+        return
+    reach = max(len(one.profile) // 2 for one in told)
+    table = np.full((len(told), 2 * reach + 1), np.nan)
+    for row, one in zip(table, told, strict=True):
+        own = len(one.profile) // 2
+        row[reach - own : reach + own + 1] = one.profile
+    mean, spread, _ = mean_and_spread(table)
+    lag, there = np.arange(-reach, reach + 1), np.isfinite(mean)
+    ax.fill_between(lag, mean - spread, mean + spread, color=colour, alpha=0.18, linewidth=0)
+    ax.plot(
+        lag[there],
+        mean[there],
+        color=colour,
+        linewidth=2.0,
+        label=label,
+        marker="o" if there.sum() < 30 else None,
+        markersize=3,
+    )
+
+
+def _summary(ax: Axes, study: Study) -> None:
+    colour = colours(study.methods)
+    width = 0.7 / len(study.methods)
+    for place, measure in enumerate(SUMMARIES.values()):
+        for number, method in enumerate(study.methods):
+            x = place + (number - (len(study.methods) - 1) / 2) * width
+            values = np.asarray([measure(one) for one in _memories(study, method)])
+            values = values[np.isfinite(values)]
+            ax.plot(
+                x + np.linspace(-0.2, 0.2, len(values)) * width,
+                values,
+                "o",
+                color=colour[method],
+                markersize=4,
+                alpha=0.7,
+            )
+            if len(values):
+                ax.hlines(values.mean(), x - 0.35 * width, x + 0.35 * width, color=colour[method], linewidth=2.5)
+    ax.axhline(0.0, color="#777777", linewidth=0.8, linestyle=":")
+    ax.set_xticks(range(len(SUMMARIES)), list(SUMMARIES), fontsize=9)
+    ax.set_xlim(-0.6, len(SUMMARIES) - 0.4)
+    ax.set_ylabel("difference of mean scores")
+    ax.set_title("final defenders", fontsize=12)
+    ax.grid(alpha=0.25, axis="y")

@@ -1,0 +1,185 @@
+"""Everything that a tournament's report shows, computed once from its result; no drawing, no files.
+
+The paper's figures 4 to 9 rate every run in its own tournament, its defenders against its attackers, and average over
+seeds. All other ratings are of the whole tournament. What is missing is said in words and never made up.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecombat_jax.arena.alpha_rank import alpha_rank
+from dronecombat_jax.arena.behaviour import Endings, endings
+from dronecombat_jax.arena.bradley_terry import Ratings, bradley_terry
+from dronecombat_jax.arena.cyclic import CyclicShare, cyclic_share
+from dronecombat_jax.arena.design import complete_part
+from dronecombat_jax.arena.elo import EloRatings, elo_ratings
+from dronecombat_jax.arena.forgetting import Forgetting, RunMap, forgetting, home_and_away, run_maps
+from dronecombat_jax.arena.nash import NashAverage, PopulationValue, nash_average, population_values
+from dronecombat_jax.arena.random_walk import Curve, random_walk_curve, timelines
+from dronecombat_jax.arena.result import (
+    Entrant,
+    TournamentResult,
+    first_episodes,
+    score_rate,
+    scores,
+    select,
+    win_rate,
+)
+from dronecombat_jax.report.gaps import missing
+from dronecombat_jax.types import ATTACKER, DEFENDER
+
+ELO_EPISODES = 5  # a cell, as in the paper's ratings; its maps take all
+LARGEST_CURVE = 1000  # players: above, the smoothed curve would take minutes
+LARGEST_ALPHA_RANK = 2e7  # numbers in its tables
+ALL = "all entrants"
+
+
+class Effort(NamedTuple):
+    """How much is drawn at random."""
+
+    orders: int = 32  # of the fights, for Elo
+    bootstrap: int = 400  # for the cyclic share
+    value_draws: int = 100  # for the population values
+
+
+class Memory(NamedTuple):
+    """How one run's final policies fare against the past."""
+
+    defender: Forgetting
+    attacker: Forgetting
+    home: float  # the final defender's mean score against its own run's attackers
+    away: float  # against other runs' attackers
+
+
+class Scale(NamedTuple):
+    """Ratings [P] in points; NaN for whoever did not fight, and so is not rated."""
+
+    rating: NDArray[np.float64]
+    low: NDArray[np.float64]  # infinite where nothing bounds the rating
+    high: NDArray[np.float64]
+
+
+class Study(NamedTuple):
+    """The numbers of a report. Players are numbered defenders first, then attackers: P = D + A."""
+
+    result: TournamentResult
+    methods: tuple[str, ...]  # of trained entrants, in order of appearance
+    own_elo: NDArray[np.float64]  # [P] Elo within the own run's tournament; NaN where it played none
+    elo: EloRatings
+    elo_scale: Scale  # one standard deviation over orders
+    ratings: Ratings  # Bradley-Terry
+    scale: Scale  # its 95 % intervals
+    smooth: Curve | None
+    smooth_scale: Scale | None
+    win_maps: dict[str, tuple[RunMap, ...]]  # by method: the share of fights that the defender wins
+    memory: dict[str, Memory]  # by lineage
+    cyclic: dict[str, CyclicShare | None]  # of ALL and of each method among itself; None: no whole part
+    cyclic_part: dict[str, TournamentResult]
+    nash: NashAverage | None  # of the part without missing cells
+    nash_part: TournamentResult
+    alpha_rank: tuple[NDArray, NDArray] | None  # its marginals in the same part
+    populations: dict[str, PopulationValue]
+    endings: tuple[Endings, Endings]  # by role
+    missing: tuple[str, ...]  # sentences
+
+    @property
+    def entrants(self) -> tuple[Entrant, ...]:
+        """All players [P]."""
+        return (*self.result.defenders, *self.result.attackers)
+
+
+def study(result: TournamentResult, effort: Effort | None = None) -> Study:
+    """Compute everything. Degenerate results leave gaps that are named in `missing`."""
+    effort = effort or Effort()
+    table, rated = scores(result), first_episodes(result, min(ELO_EPISODES, result.cause.shape[2]))
+    entrants = (*result.defenders, *result.attackers)
+    methods = tuple(dict.fromkeys(one.method for one in entrants if one.lineage))
+    counts = (table.wins, table.losses, table.draws)
+    ratings = bradley_terry(*counts)
+    smooth = random_walk_curve(*counts, timelines(result)) if len(entrants) <= LARGEST_CURVE else None
+    elo = elo_ratings(rated, effort.orders)
+    points = np.concatenate([elo.defender, elo.attacker])
+    spread = np.concatenate([elo.defender_spread, elo.attacker_spread])
+    maps = run_maps(result, win_rate(result))
+    parts = {ALL: complete_part(result)}
+    if len(methods) > 1:
+        parts |= {method: complete_part(_of_method(result, method)) for method in methods}
+    whole = parts[ALL]
+    rate = score_rate(whole)
+    small = whole.played.size * sum(whole.played.shape) <= LARGEST_ALPHA_RANK
+    rank = alpha_rank(rate) if rate.size and small else None
+    own = {method: _members(whole.defenders, method) for method in methods}
+    populations = {method: members for method, members in own.items() if len(members) and whole.played.size}
+    return Study(
+        result=result,
+        methods=methods,
+        own_elo=own_elo(rated, effort.orders),
+        elo=elo,
+        elo_scale=_scale(ratings, points, points - spread, points + spread),
+        ratings=ratings,
+        scale=_scale(ratings, ratings.rating, ratings.low, ratings.high),
+        smooth=smooth,
+        smooth_scale=smooth and _scale(ratings, smooth.ratings.rating, smooth.ratings.low, smooth.ratings.high),
+        win_maps={method: tuple(one for one in maps if one.method == method) for method in methods},
+        memory=memories(result),
+        cyclic={name: _cyclic(part, effort) for name, part in parts.items()},
+        cyclic_part=parts,
+        nash=nash_average(rate) if rate.size else None,
+        nash_part=whole,
+        alpha_rank=None if rank is None else (rank.defender, rank.attacker),
+        populations=population_values(whole, populations, effort.value_draws),
+        endings=(endings(result, DEFENDER), endings(result, ATTACKER)),
+        missing=tuple(missing(result, ratings, smooth, whole)),
+    )
+
+
+def own_elo(result: TournamentResult, orders: int) -> NDArray[np.float64]:
+    """Elo [P] of every entrant in the tournament of its own run alone, as in the paper; NaN for pilots."""
+    num_defenders = len(result.defenders)
+    rating = np.full(num_defenders + len(result.attackers), np.nan)
+    for lineage in dict.fromkeys(one.lineage for one in result.defenders if one.lineage):
+        rows, columns = ([i for i, one in enumerate(s) if one.lineage == lineage] for s in _sides(result))
+        part = select(result, np.asarray(rows, int), np.asarray(columns, int))
+        if part.played.any():
+            elo = elo_ratings(part, orders)
+            rating[rows] = np.where(elo.defender_games > 0, elo.defender, np.nan)
+            rating[num_defenders + np.asarray(columns)] = np.where(elo.attacker_games > 0, elo.attacker, np.nan)
+    return rating
+
+
+def _scale(ratings: Ratings, *numbers: NDArray) -> Scale:
+    return Scale(*(np.where(ratings.design.games > 0, values, np.nan) for values in numbers))
+
+
+def memories(result: TournamentResult) -> dict[str, Memory]:
+    """By lineage, for every run that has both roles in the tournament."""
+    finals = {one.lineage: i for i, one in sorted(enumerate(result.defenders), key=lambda pair: pair[1].chunk)}
+    memories = {}
+    for one in run_maps(result):
+        there = ~np.isnan(one.score)
+        kept = np.flatnonzero(there.any(axis=0) | there.any(axis=1))
+        if len(kept):
+            score = one.score[np.ix_(kept, kept)]
+            away = home_and_away(result, finals[one.run])
+            memories[one.run] = Memory(forgetting(score), forgetting(1.0 - score.T), *away)
+    return memories
+
+
+def _cyclic(part: TournamentResult, effort: Effort) -> CyclicShare | None:
+    table = scores(part)
+    return cyclic_share(table.wins, table.losses, table.draws, effort.bootstrap) if part.played.size else None
+
+
+def _of_method(result: TournamentResult, method: str) -> TournamentResult:
+    return select(result, *(_members(side, method) for side in _sides(result)))
+
+
+def _members(entrants: Sequence[Entrant], method: str) -> NDArray[np.integer]:
+    return np.asarray([i for i, one in enumerate(entrants) if one.lineage and one.method == method], int)
+
+
+def _sides(result: TournamentResult) -> tuple[tuple[Entrant, ...], tuple[Entrant, ...]]:
+    return result.defenders, result.attackers

@@ -1,0 +1,168 @@
+"""The numbers behind a tournament's report as tables: rows of plain values, for CSV, JSON and the page."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from dronecombat_jax.arena.design import BOUNDED, OPEN_ABOVE, OPEN_BELOW
+from dronecombat_jax.arena.forgetting import summarise_maps
+from dronecombat_jax.arena.result import score_rate, scores
+from dronecombat_jax.report.plain import Table, plain_value, to_csv
+from dronecombat_jax.report.sheet import mean_and_spread, timelines_of
+from dronecombat_jax.report.study import Study
+from dronecombat_jax.types import ROLES, Cause
+
+GAUGE = "Elo points; the mean over all entrants of both roles is 1500"
+BOUNDS = {BOUNDED: "both ends", OPEN_ABOVE: "open above", OPEN_BELOW: "open below"}
+
+
+def tables(study: Study) -> tuple[Table, ...]:
+    """All tables of a report."""
+    return (
+        ratings(study),
+        elo_over_time(study),
+        maps(study),
+        memory(study),
+        cyclic(study),
+        populations(study),
+        endings(study),
+    )
+
+
+def ratings(study: Study) -> Table:
+    """Every entrant with its fights and all ratings."""
+    result, table, rated = study.result, scores(study.result), study.ratings
+    parts = [np.concatenate([values.sum(axis=1), values.sum(axis=0)]) for values in table]
+    wins, draws, losses = parts
+    cut = len(result.defenders)
+    wins[cut:], losses[cut:] = parts[2][cut:].copy(), parts[0][cut:].copy()  # an attacker wins what a defender loses
+    games = np.maximum(wins + draws + losses, 1e-300)
+    elo, scale = study.elo_scale, study.scale
+    smooth = np.full(len(games), np.nan) if study.smooth_scale is None else study.smooth_scale.rating
+    nash, rank = _in_part(study)
+    rows = [
+        (
+            ROLES[i >= cut], one.label, one.method, one.run, one.seed, one.chunk, one.steps, one.identity,
+            wins[i], draws[i], losses[i], (wins[i] + draws[i] / 2) / games[i] if games[i] >= 1 else np.nan,
+            scale.rating[i], rated.error[i], scale.low[i], scale.high[i],
+            BOUNDS.get(int(rated.design.bound[i]), "open both ways"), rated.design.component[i],
+            elo.rating[i], elo.high[i] - elo.rating[i], study.own_elo[i], smooth[i], nash[i], rank[i],
+        )
+        for i, one in enumerate(study.entrants)
+    ]  # fmt: skip
+    columns = (
+        "role label method run seed chunk steps identity wins draws losses mean_score bradley_terry standard_error "
+        "low_95 high_95 interval component elo elo_spread_over_orders elo_in_own_run smoothed nash_average alpha_rank"
+    )
+    about = (
+        f"{GAUGE}; elo_in_own_run: the same within each run. Component: ratings of two components cannot be compared."
+    )
+    return _table("ratings", about, columns.split(), rows)
+
+
+def elo_over_time(study: Study) -> Table:
+    """The numbers of the paper's figures 4 and 5."""
+    rows = []
+    cut = len(study.result.defenders)
+    for role, side, values in (
+        (ROLES[0], study.result.defenders, study.own_elo[:cut]),
+        (ROLES[1], study.result.attackers, study.own_elo[cut:]),
+    ):
+        for method, line in timelines_of(side, values, study.methods).items():
+            told = zip(line.steps, *mean_and_spread(line.values), strict=True)
+            rows += [(method, role, *row) for row in told]
+    about = "Elo of each run in its own tournament (there the mean over all entrants is 1500); mean over seeds."
+    return _table("elo_over_time", about, ["method", "role", "steps", "mean", "standard_deviation", "seeds"], rows)
+
+
+def maps(study: Study) -> Table:
+    """The numbers of the paper's figures 6 to 9, with all defenders."""
+    rows = []
+    for method, members in study.win_maps.items():
+        if members:
+            told, chunks = summarise_maps(members), members[0].chunks
+            for i, j in np.argwhere(told.runs > 0):
+                rows.append((method, chunks[i], chunks[j], told.mean[i, j], told.variance[i, j], told.runs[i, j]))
+    columns = ["method", "defender_chunk", "attacker_chunk", "win_rate", "variance_over_seeds", "seeds"]
+    return _table("win_rates", "Share of fights won by the defender, against attackers of its own run.", columns, rows)
+
+
+def memory(study: Study) -> Table:
+    """Forgetting, run by run."""
+    method = {one.lineage: one.method for one in study.entrants}
+    rows = [
+        (
+            method[run], run, one.defender.backward_transfer, one.defender.final_worst,
+            one.attacker.backward_transfer, one.attacker.final_worst, one.home, one.away, one.home - one.away,
+        )
+        for run, one in study.memory.items()
+    ]  # fmt: skip
+    columns = (
+        "method run defender_backward_transfer defender_worst_past attacker_backward_transfer attacker_worst_past "
+        "final_defender_home final_defender_away home_minus_away"
+    )
+    about = "Mean scores, a win 1 and a draw 1/2. Backward transfer below 0: the final policy lost what it could."
+    return _table("forgetting", about, columns.split(), rows)
+
+
+def cyclic(study: Study) -> Table:
+    """The cyclic share of the whole tournament and of each method."""
+    rows = []
+    for name, one in study.cyclic.items():
+        shape = study.cyclic_part[name].played.shape
+        told = (None,) * 6 if one is None else (*one[:5], one.disc_share)
+        rows.append((name, *shape, *told))
+    columns = "part defenders attackers raw corrected noise noise_95 p_value disc_share"
+    return _table("cyclic", "Share of the score logits' variance that no rating explains.", columns.split(), rows)
+
+
+def populations(study: Study) -> Table:
+    """The value of each method's defenders against all attackers."""
+    rows = [(method, one.value, one.low, one.high) for method, one in study.populations.items()]
+    about = "Mean score of the defenders of a method as one mixture against the best mixture of all attackers."
+    return _table("population_value", about, ["method", "value", "low_95_over_starts", "high_95_over_starts"], rows)
+
+
+def endings(study: Study) -> Table:
+    """How fights end and how long they last, entrant by entrant."""
+    causes = [cause for cause in Cause if cause]
+    rows = []
+    for role, side, told in zip(ROLES, (study.result.defenders, study.result.attackers), study.endings, strict=True):
+        for i, one in enumerate(side):
+            rows.append(
+                (role, one.label, one.identity, one.steps, told.fights[i], *told.share[i, causes], *told.duration[i])
+            )
+    columns = ["role", "label", "identity", "steps", "fights", *(cause.name.lower() for cause in causes)]
+    about = "Shares of all fights of an entrant, and quartiles of their length in seconds."
+    return _table("endings", about, [*columns, "duration_q1", "duration_median", "duration_q3"], rows)
+
+
+def score_matrix(study: Study) -> str:
+    """The defender's mean scores [D, A] as CSV, empty where not played."""
+    result = study.result
+    rate = score_rate(result)
+    rows = [(one.identity, *values) for one, values in zip(result.defenders, rate, strict=True)]
+    return to_csv(_table("scores", "", ["defender", *(one.identity for one in result.attackers)], rows))
+
+
+def _in_part(study: Study) -> tuple[list[float], list[float]]:
+    """Nash average and alpha-Rank of every player; NaN outside the part without missing cells."""
+    places = [
+        {one.identity: i for i, one in enumerate(side)}
+        for side in (study.nash_part.defenders, study.nash_part.attackers)
+    ]
+    found: tuple[list[float], list[float]] = ([], [])
+    sources = (None if study.nash is None else (study.nash.defender, study.nash.attacker), study.alpha_rank)
+    for role, side in enumerate((study.result.defenders, study.result.attackers)):
+        for one in side:
+            place = places[role].get(one.identity)
+            for numbers, source in zip(found, sources, strict=True):
+                numbers.append(math.nan if place is None or source is None else float(source[role][place]))
+    return found
+
+
+def _table(name: str, about: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
+    made = tuple(tuple(plain_value(one) for one in row) for row in rows)
+    return Table(name, about, tuple(columns), made)

@@ -1,0 +1,118 @@
+"""`dronecombat report`: a tournament's figures, tables and one page that shows them all."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from dronecombat_jax.arena.result import TournamentResult
+from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
+from dronecombat_jax.report.cyclic_figure import cyclic_discs
+from dronecombat_jax.report.figures import save_figure
+from dronecombat_jax.report.gaps import seeds_of
+from dronecombat_jax.report.map_figures import score_map, variance_map, win_rate_map
+from dronecombat_jax.report.page import Picture, page
+from dronecombat_jax.report.plain import records, to_csv, to_json
+from dronecombat_jax.report.ratings_figures import elo_over_time, finals, ratings_over_time
+from dronecombat_jax.report.structure_figures import forgetting_profile, outcomes_over_time
+from dronecombat_jax.report.study import Effort, Study, study
+from dronecombat_jax.report.tables import score_matrix, tables
+from dronecombat_jax.report.verdict import judge
+from dronecombat_jax.report.verdict_text import verdict_json, verdict_text
+from dronecombat_jax.runs.atomic import cannot_write, write_atomic
+from dronecombat_jax.runs.result_file import load_about, load_result
+from dronecombat_jax.schema import one_line
+from dronecombat_jax.settings import suggestion
+
+FIGURES: dict[str, tuple[str, Callable[[Study], Figure], str]] = {  # file: heading, what draws it, what it shows
+    "elo_over_time": ("Elo over training", elo_over_time, "As the paper's figures 4 and 5."),
+    "win_rate_map": ("Win rates", win_rate_map, "As the paper's figures 6 and 7, which clip the colours to 0.25-0.45."),
+    "variance_map": ("Variance over seeds", variance_map, "As the paper's figures 8 and 9."),
+    "ratings_over_time": (
+        "Ratings with intervals",
+        ratings_over_time,
+        "Order-free ratings beside Elo, whose spread comes from the order of the fights alone.",
+    ),
+    "finals": ("Final policies", finals, "Where the last policies and the scripted pilots stand."),
+    "score_map": ("Everyone against everyone", score_map, "The whole tournament."),
+    "forgetting_profile": ("Forgetting", forgetting_profile, "Whether later policies still beat earlier opponents."),
+    "cyclic_discs": ("Cyclic part", cyclic_discs, "What no rating can show: who suits whom."),
+    "outcomes_over_time": ("How fights end", outcomes_over_time, "The causes behind wins and losses."),
+}
+
+
+def report(word: str, out: Path | None = None) -> int:
+    """Report on the tournament that `word` names, into its folder unless `out` says where; returns 0."""
+    path = find_tournament(word)
+    folder = path if path.is_dir() else path.parent
+    result, about = load_result(path), load_about(path)
+    notes = [str(line) for key in ("missing", "notices") for line in about.get(key, ())]
+    files = write_report(result, out or folder / "report", f"Tournament {folder.resolve().name}", notes)
+    print(f"written to {files[0]} and {len(files) - 1} files beside it")
+    return 0
+
+
+def find_tournament(word: str, root: str = "tournaments") -> Path:
+    """A tournament's folder or result file: given by its path, or by its name in `root`. UserError 2 and 3."""
+    if not word:
+        raise UserError(f"TOURNAMENT is missing: a folder, a result file, or a name in {root}/", EXIT_CONFIG)
+    for path in (Path(word), Path(root, word)):
+        if path.exists():
+            return path
+    names = sorted(path.name for path in Path(root).iterdir()) if Path(root).is_dir() else []
+    raise UserError(f"{one_line(word)}: no such tournament; {suggestion(word, names)}", EXIT_DATA)
+
+
+def write_report(
+    result: TournamentResult, out: Path, title: str, notes: Sequence[str] = (), effort: Effort | None = None
+) -> list[Path]:
+    """Write everything under `out` and return the files, the page first. UserError 73 where that cannot be.
+
+    `notes`: what the tournament itself says to be missing.
+    """
+    told = study(result, effort)
+    for folder in (out, out / "tables"):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise cannot_write(folder, error) from None
+    written, pictures = [], []
+    for name, (heading, draw, about) in FIGURES.items():
+        path = out / "figures" / f"{name}.png"
+        save_figure(draw(told), path)
+        pictures.append(Picture(name, heading, about, path.read_bytes()))
+        written += [path, path.with_suffix(".pdf")]
+    made = tables(told)
+    for table in made:
+        for suffix, text in ((".csv", to_csv(table)), (".json", to_json(records(table)))):
+            written.append(out / "tables" / (table.name + suffix))
+            write_atomic(written[-1], text)
+    written.append(out / "tables" / "scores.csv")
+    write_atomic(written[-1], score_matrix(told))
+    verdict, gaps = _verdict(result, told, out)
+    html = page(title, _summary(result), verdict, [*notes, *told.missing, *gaps], pictures, made)
+    write_atomic(out / "report.html", html)
+    return [out / "report.html", *written]
+
+
+def _verdict(result: TournamentResult, told: Study, out: Path) -> tuple[tuple[list[str], str], list[str]]:
+    """The comparison of methods in sentences and numbers, or what keeps it from being made."""
+    if len(told.methods) < 2:
+        return ([], ""), []
+    try:
+        verdict = judge(result)
+    except UserError as error:
+        return ([], ""), [f"No comparison of methods: {error.message}."]
+    write_atomic(out / "tables" / "comparison.json", to_json(verdict_json(verdict)))
+    return ([one.sentence for one in verdict.answers], verdict_text(verdict)), []
+
+
+def _summary(result: TournamentResult) -> list[str]:
+    defenders, attackers = result.played.shape
+    fights = int(result.played.sum()) * result.cause.shape[2]
+    seeds = "; ".join(f"{method}: {count} training seeds" for method, count in seeds_of(result).items())
+    return [
+        f"{fights:,} fights: {defenders} defenders against {attackers} attackers, {result.cause.shape[2]} fights a cell, "
+        f"each from the same start states. {seeds or 'No trained entrants'}.",
+        "Ratings of two tournaments cannot be compared. Every rating states its gauge; draws count as half a win.",
+    ]

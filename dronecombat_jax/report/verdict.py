@@ -1,0 +1,140 @@
+"""Does one method's final defender beat another's: the answer in one sentence that cannot be misread."""
+
+from collections.abc import Sequence
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecombat_jax.arena.compare import LEVEL, MARGIN, Comparison, compare_methods
+from dronecombat_jax.arena.panel import Panel, away_panel
+from dronecombat_jax.arena.permutation import holm, permutation_test, spread_test
+from dronecombat_jax.arena.result import TournamentResult
+from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.report.study import Memory, memories
+
+
+class Secondary(NamedTuple):
+    """One further question about two methods, by the exact permutation test."""
+
+    measure: str
+    difference: float  # first minus second
+    p_value: float
+    adjusted_p: float  # Holm's, over the secondary questions of this pair
+    seeds: tuple[int, int]
+
+
+class Answer(NamedTuple):
+    """One pair of methods."""
+
+    numbers: Comparison
+    means: tuple[float, float]  # mean score of the final defenders
+    sentence: str
+    secondary: tuple[Secondary, ...]
+
+
+class Verdict(NamedTuple):
+    """All pairs of methods in one tournament."""
+
+    answers: tuple[Answer, ...]
+    panel: Panel
+    fights: int  # of the whole tournament
+
+
+def judge(result: TournamentResult, methods: Sequence[str] | None = None) -> Verdict:
+    """Compare all pairs of `methods` (default: all). UserError where there are not two with a final defender."""
+    panel = away_panel(result)
+    known = sorted(set(panel.methods))
+    chosen = known if methods is None else list(methods)
+    if absent := sorted(set(chosen) - set(known)):
+        left_out = sorted(run for run, method in panel.missing if method in absent)
+        raise UserError(f"no final defender of {', '.join(absent)} met the common attackers: {left_out}", EXIT_DATA)
+    if len(chosen) < 2:
+        raise UserError(f"nothing to compare: all final defenders are of {', '.join(chosen) or 'nobody'}", EXIT_DATA)
+    if not panel.groups or not np.isfinite(panel.score).all():
+        raise UserError("no attacker met the final defenders of all runs but its own: nothing to compare", EXIT_DATA)
+    remembered = memories(result)
+    answers = []
+    told = compare_methods(result, chosen)
+    for one in told:
+        scores = [panel.score[np.asarray(panel.methods) == method] for method in (one.first, one.second)]
+        means = (float(scores[0].mean()), float(scores[1].mean()))
+        more = secondary(panel, remembered, one.first, one.second)
+        answers.append(Answer(one, means, sentence(one, means, len(told)), more))
+    return Verdict(tuple(answers), panel, int(result.played.sum()) * result.cause.shape[2])
+
+
+def sentence(one: Comparison, means: tuple[float, float], pairs: int = 1) -> str:
+    """The answer; `pairs` is over how many Holm's correction goes."""
+    test = f"{'exact' if one.exact else 'sampled'} permutation p = {one.adjusted_p:.2g}{' after Holm' * (pairs > 1)}"
+    seeds = f"{one.seeds[0]} v {one.seeds[1]} training seeds"
+    if one.adjusted_p < LEVEL:
+        ahead = one.score.difference > 0
+        winner, loser = (one.first, one.second) if ahead else (one.second, one.first)
+        high, low = means if ahead else means[::-1]
+        ends = (one.score.low, one.score.high) if ahead else (-one.score.high, -one.score.low)
+        text = (
+            f"YES: {winner}'s final defender beats {loser}'s. Against attackers that it never trained with it scores "
+            f"{high:.3f}, {loser}'s {low:.3f}: {_signed(high - low)}, 95 % interval {_signed(ends[0])} to "
+            f"{_signed(ends[1])} ({test}, {seeds})."
+        )
+        if not one.new_attackers[0] * one.new_attackers[1] > 0:
+            text += " That is against these attackers; with newly trained ones the difference may vanish."
+        return text
+    if one.equivalence_p < LEVEL:
+        return (
+            f"NO DIFFERENCE OF {MARGIN:g} ELO: the final defenders of {one.first} and {one.second} are equivalent within that "
+            f"margin (two one-sided tests, p = {one.equivalence_p:.2g}; {test} for a difference, {seeds})."
+        )
+    margin = (
+        "could not be tested" if np.isnan(one.equivalence_p) else f"is not shown either (p = {one.equivalence_p:.2g})"
+    )
+    text = (
+        f"UNDECIDED: no difference between the final defenders of {one.first} and {one.second} is shown ({test}, {seeds}), "
+        f"and that they are equal within {MARGIN:g} Elo {margin}. This is not evidence that they are equal."
+    )
+    if (least := smallest_p(*one.seeds) * pairs) >= LEVEL:
+        text += (
+            f" With {seeds} no result could have been significant: the smallest possible p is {min(least, 1.0):.2g}."
+        )
+    return text
+
+
+def smallest_p(first: int, second: int) -> float:
+    """The least p-value of the two-sided permutation test with so many seeds; 0.029 with 4 v 4."""
+    return (1 + (first == second)) / comb(first + second, first)
+
+
+def secondary(panel: Panel, remembered: dict[str, Memory], first: str, second: str) -> tuple[Secondary, ...]:
+    """Spread over seeds and forgetting, as far as the tournament tells them."""
+    methods = np.asarray(panel.methods)
+    runs = list(zip(panel.runs, panel.methods, strict=True))
+    measures = {
+        "backward transfer": lambda run: remembered[run].defender.backward_transfer,
+        "worst case against the own past": lambda run: remembered[run].defender.final_worst,
+        "home minus away": lambda run: remembered[run].home - remembered[run].away,
+    }
+    tests = []
+    for name, measure in measures.items():
+        one, other = (
+            _known([measure(run) for run, of in runs if of == method and run in remembered])
+            for method in (first, second)
+        )
+        if len(one) and len(other):
+            tests.append((name, permutation_test(one, other), (len(one), len(other))))
+    one, other = (panel.score[methods == method] for method in (first, second))
+    tests.append(("spread of the score over seeds", spread_test(one, other), (len(one), len(other))))
+    adjusted = holm([float(test.p_value) for _, test, _ in tests])
+    return tuple(
+        Secondary(name, float(test.difference), float(test.p_value), float(p), seeds)
+        for (name, test, seeds), p in zip(tests, adjusted, strict=True)
+    )
+
+
+def _known(values: list[float]) -> NDArray[np.float64]:
+    return np.asarray([value for value in values if np.isfinite(value)], float)
+
+
+def _signed(value: float) -> str:
+    return "unknown" if np.isnan(value) else f"{value:+.3f}"

@@ -1,0 +1,87 @@
+"""A verdict with all its numbers: as text for a person, and as plain data."""
+
+from typing import Any
+
+from dronecombat_jax.arena.compare import LEVEL, MARGIN, Welch
+from dronecombat_jax.report.verdict import Answer, Verdict, smallest_p
+
+
+def verdict_text(verdict: Verdict) -> str:
+    """All answers for a person, with their numbers."""
+    blocks = [_block(answer) for answer in verdict.answers]
+    panel = verdict.panel
+    seats = f"{int(panel.weights.sum())} attackers of {len(panel.groups)} runs and pilots"
+    notes = [f"common panel: {seats}; never a run's own; {verdict.fights:,} fights in the tournament"]
+    if len(set(panel.steps)) > 1:
+        notes.append(f"unequal training: {min(panel.steps):,} to {max(panel.steps):,} steps; compared as they are")
+    if panel.missing:
+        notes.append(f"left out, too few of their fights were played: {', '.join(run for run, _ in panel.missing)}")
+    if panel.dropped:
+        notes.append(f"{len(panel.dropped)} attackers left out of the panel, some defender did not meet them")
+    return "\n\n".join([*blocks, "\n".join(notes)])
+
+
+def verdict_json(verdict: Verdict) -> dict[str, Any]:
+    """The same as plain data; NaN is left for `tables.to_json` to turn into null."""
+    panel = verdict.panel
+    return {
+        "question": "does one method's final defender score better against attackers that it never trained with?",
+        "level": LEVEL,
+        "margin_elo": MARGIN,
+        "comparisons": [
+            {"sentence": answer.sentence, "mean_score": dict(zip((answer.numbers.first, answer.numbers.second), answer.means, strict=True))}
+            | {key: _tree(value) for key, value in answer.numbers._asdict().items()}
+            | {"secondary": [one._asdict() for one in answer.secondary]}
+            for answer in verdict.answers
+        ],
+        "seeds": [
+            {"run": run, "method": method, "steps": steps, "score": score, "adjusted_score": adjusted, "fights": fights}
+            for run, method, steps, score, adjusted, fights in zip(
+                panel.runs, panel.methods, panel.steps, panel.score.tolist(), panel.adjusted.tolist(), panel.fights.tolist(),
+                strict=True,
+            )
+        ],
+        "missing": [run for run, _ in panel.missing],
+        "attackers_left_out": list(panel.dropped),
+        "fights": verdict.fights,
+    }  # fmt: skip
+
+
+def _block(answer: Answer) -> str:
+    one = answer.numbers
+    lines = [
+        answer.sentence,
+        f"  mean score            {one.first} {answer.means[0]:.3f}   {one.second} {answer.means[1]:.3f}   "
+        f"at least {one.fights:,} fights a seed; a win 1, a draw 1/2",
+        f"  differences are {one.first} minus {one.second}, with 95 % intervals:",
+        f"  score                 {_interval(one.score)} Welch;  Cohen's d {_number(one.effect, '+.2f')}",
+        f"  score, adjusted       {_interval(one.adjusted_score)} as if all had met the same attackers",
+        f"  new attackers         {_ends(one.new_attackers)} pigeonhole bootstrap over both sides' runs",
+        f"  Elo                   {_interval(one.elo, '.0f')} of the score's logit",
+        f"  permutation p         {one.p_value:.4g}, Holm {one.adjusted_p:.4g} ({'all' if one.exact else 'a sample of'} relabellings; "
+        f"least possible {smallest_p(*one.seeds):.2g})",
+        f"  equivalence p         {_number(one.equivalence_p, '.4g')} (within {MARGIN:g} Elo)",
+        *(
+            f"  secondary             {s.measure}: {s.difference:+.3f}, p {s.p_value:.3g}, Holm {s.adjusted_p:.3g}"
+            for s in answer.secondary
+        ),
+    ]
+    if one.missing:
+        lines.append(f"  left out              {', '.join(one.missing)}")
+    return "\n".join(lines)
+
+
+def _interval(told: Welch, digits: str = ".3f") -> str:
+    return f"{told.difference:+{digits}} {_ends((told.low, told.high), digits)}"
+
+
+def _ends(ends: tuple[float, float], digits: str = ".3f") -> str:
+    return f"[{ends[0]:+{digits}}, {ends[1]:+{digits}}]" if ends[0] == ends[0] else "[unknown: one seed a method]"
+
+
+def _number(value: float, digits: str) -> str:
+    return f"{value:{digits}}" if value == value else "unknown"
+
+
+def _tree(value: Any) -> Any:
+    return value._asdict() if hasattr(value, "_asdict") else value

@@ -1,0 +1,122 @@
+"""The field of a tournament: who was named, verified whole before anything is compiled, each player once.
+
+What does not live here: reading one run or file (`contenders`).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from dronecombat_jax import settings
+from dronecombat_jax.arena.players import Player
+from dronecombat_jax.arena.result import Entrant
+from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.config import Config
+from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
+from dronecombat_jax.runs.contenders import EXPORTED, Contender, Found, find
+from dronecombat_jax.schema import one_line
+from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES
+
+ANCHOR_PRESET = "duel"  # the game of scripted pilots alone
+_MAX_NAMED = 5
+
+
+class Seat(NamedTuple):
+    """One row or column of the grid."""
+
+    entrant: Entrant
+    player: Player | None  # None: missing, its cells stay empty
+    also: tuple[str, ...]  # labels of others with the same content, which are not flown again
+
+
+class Field(NamedTuple):
+    """Everybody, by role."""
+
+    config: Config  # of the game that is played
+    seats: tuple[list[Seat], list[Seat]]
+    notices: tuple[str, ...]  # for a person, one line each
+    bad: tuple[str, ...]  # what could not be read
+
+
+def read_field(words: Sequence[str], *, every: int = 1, skip_bad: bool = False, allow_mismatch: bool = False) -> Field:
+    """Read and check everybody whom `words` name (`contenders.find`).
+
+    Raises UserError: 2 for words that mean nothing and for a side without players; 3 that lists every checkpoint or
+    file that cannot be used (unless `skip_bad`), or every player of another game (unless `allow_mismatch`).
+    """
+    found, bad = _find_all(words, every)
+    if bad and not skip_bad:
+        raise UserError("\n".join([*bad, "nothing was flown; --skip-bad flies the others"]), EXIT_DATA)
+    contenders = [contender for one in found for contender in one.contenders]
+    config = next((one.config for one in found if one.config is not None), settings.load(ANCHOR_PRESET))
+    if config.game.scenario == "solo":
+        raise UserError("these policies were trained in solo, where nobody defends: there is no fight", EXIT_CONFIG)
+    notices = _other_games(contenders, config, allow_mismatch)
+    _refuse_two_of_a_name(contenders)
+    seats = _seats(contenders, DEFENDER), _seats(contenders, ATTACKER)
+    for role, side in enumerate(seats):
+        if not any(seat.player for seat in side):
+            raise UserError(f"no {ROLES[role]} takes part; name a run, a policy file or a scripted pilot", EXIT_CONFIG)
+        notices += [
+            f"{ROLES[role]} {seat.entrant.label} is also {_named(seat.also)}: flown once" for seat in side if seat.also
+        ]
+    return Field(config, seats, tuple(notices), tuple(bad))
+
+
+def _find_all(words: Sequence[str], every: int) -> tuple[list[Found], list[str]]:
+    """Who was found, and one line for each thing that cannot be used."""
+    found: list[Found] = []
+    bad: list[str] = []
+    meaningless: list[str] = []
+    for word in dict.fromkeys(words):
+        try:
+            found.append(find(word, every))
+        except UserError as error:
+            (bad if error.exit_code == EXIT_DATA else meaningless).extend(error.message.splitlines())
+    if meaningless:
+        raise UserError("\n".join(meaningless), EXIT_CONFIG)
+    return found, bad + [line for one in found for line in one.bad]
+
+
+def _other_games(contenders: list[Contender], config: Config, allowed: bool) -> list[str]:
+    """One line for each group of players who know another game than that of `config`; UserError 3 unless `allowed`."""
+    here, groups = environment(config), {}
+    for contender in contenders:
+        if contender.environment is not None:
+            lines = tuple(environment_diff(contender.environment, here))
+            groups.setdefault(lines, []).append(contender.entrant.label)
+    told = [
+        f"{_named(tuple(dict.fromkeys(labels)))} trained in another game than the first: {one_line(_named(lines, '; '))}"
+        for lines, labels in groups.items()
+        if lines
+    ]
+    if told and not allowed:
+        raise UserError("\n".join([*told, "--allow-env-mismatch lets them fly in the first one's game"]), EXIT_DATA)
+    return told
+
+
+def _refuse_two_of_a_name(contenders: list[Contender]) -> None:
+    """Raise UserError 2 where two runs are called the same: their players could not be told apart."""
+    known: dict[tuple[int, str], str] = {}
+    for role, entrant, _, _ in contenders:
+        if entrant.method != EXPORTED and known.setdefault((role, entrant.label), entrant.identity) != entrant.identity:
+            raise UserError(f"two different players are called {entrant.label}: rename one of the runs", EXIT_CONFIG)
+
+
+def _seats(contenders: list[Contender], role: int) -> list[Seat]:
+    """The players of one side in the order named, each content once."""
+    seats: dict[str, Seat] = {}
+    for contender in contenders:
+        if contender.role != role:
+            continue
+        identity, label = contender.entrant.identity, contender.entrant.label
+        seat = seats.get(identity)
+        if seat is None:
+            seats[identity] = Seat(contender.entrant, contender.player, ())
+        elif label not in (seat.entrant.label, *seat.also):
+            seats[identity] = seat._replace(also=(*seat.also, label))
+    return list(seats.values())
+
+
+def _named(texts: Sequence[str], separator: str = ", ") -> str:
+    more = f" and {len(texts) - _MAX_NAMED} more" if len(texts) > _MAX_NAMED else ""
+    return separator.join(texts[:_MAX_NAMED]) + more

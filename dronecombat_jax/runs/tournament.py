@@ -1,0 +1,143 @@
+"""`dronecombat tournament`: read everybody, fly what is missing, rate.
+
+    tournaments/<name>/cells/        what was flown, cell by cell; only ever added to (`cells`)
+    tournaments/<name>/result.npz    all of it once complete (`result_file`), and result.json
+
+Killed or stopped it goes on with the same command; with more checkpoints it flies the new cells alone.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from dronecombat_jax import backend
+from dronecombat_jax.arena.rectangle import Rules
+from dronecombat_jax.arena.result import TournamentResult, tournament_result
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.fingerprint import environment, environment_digest
+from dronecombat_jax.combat.rules import outcome_table
+from dronecombat_jax.errors import EXIT_STOPPED, EXIT_TOURNAMENT
+from dronecombat_jax.runs.atomic import cannot_write, sweep
+from dronecombat_jax.runs.cells import read_cells
+from dronecombat_jax.runs.contenders import POLICY_SUFFIX, SCRIPTED_PREFIX
+from dronecombat_jax.runs.entrants import Field, read_field
+from dronecombat_jax.runs.flying import Grid, fly
+from dronecombat_jax.runs.lock import exclusive_lock
+from dronecombat_jax.runs.progress import printable
+from dronecombat_jax.runs.provenance import package_version
+from dronecombat_jax.runs.result_file import save_result
+from dronecombat_jax.runs.rundir import run_path
+from dronecombat_jax.runs.standings import standings_text
+from dronecombat_jax.types import ROLES
+
+CELLS_NAME = "cells"
+
+
+def tournament(
+    words: Sequence[str],
+    rules: Rules,
+    *,
+    name: str = "",
+    every: int = 1,
+    skip_bad: bool = False,
+    allow_mismatch: bool = False,
+    root: str = "tournaments",
+) -> int:
+    """Fly, or go on with, the tournament of everybody whom `words` name; returns an exit code.
+
+    0: complete; 5: complete but for players who could not be read (`skip_bad`); 75: stopped by a signal and saved.
+    Raises UserError: 2 and 3 as `read_field`, 73 where the folder cannot be written.
+    """
+    path = run_path(root, name or default_name(words))
+    field = read_field(words, every=every, skip_bad=skip_bad, allow_mismatch=allow_mismatch)
+    defenders, attackers = ([seat.entrant for seat in side] for side in field.seats)
+    with _claim(path) as folder:
+        context = context_of(field, rules)
+        identities = [[entrant.identity for entrant in side] for side in (defenders, attackers)]
+        cause, steps = read_cells(folder / CELLS_NAME, context, *identities, episodes=rules.episodes)
+        grid = Grid(folder / CELLS_NAME, context, cause, steps)
+        _greet(folder, field, rules, grid)
+        players = [[seat.player for seat in side] for side in field.seats]
+        if not fly(folder.name, Combat(field.config), players, rules, grid):
+            return EXIT_STOPPED
+        winner, control_dt = outcome_table(field.config.game), field.config.control_dt
+        result = tournament_result(grid.cause, grid.steps, winner, defenders, attackers, control_dt)
+        save_result(folder, result, _about(field, context, result))
+        _conclude(folder, result)
+    return EXIT_TOURNAMENT if field.bad else 0
+
+
+def default_name(words: Sequence[str]) -> str:
+    """A folder's name made of those of the runs and files, or of the scripted pilots where there are no others."""
+    trained = [Path(word).resolve().name.removesuffix(POLICY_SUFFIX) for word in words if not _scripted(word)]
+    names = trained or [word.removeprefix(SCRIPTED_PREFIX) for word in words]
+    return re.sub(r"[^A-Za-z0-9._-]", "-", "-".join(dict.fromkeys(names)))[:100].lstrip(".") or "tournament"
+
+
+def context_of(field: Field, rules: Rules) -> dict[str, Any]:
+    """All that an outcome depends on beside the two players; plain JSON."""
+    config: Any = jax.config
+    return {
+        "environment_digest": environment_digest(field.config),
+        **rules._asdict(),
+        "generator": str(config.jax_default_prng_impl),
+        "partitionable": bool(config.jax_threefry_partitionable),
+    }
+
+
+@contextmanager
+def _claim(folder: Path) -> Iterator[Path]:
+    """The tournament's folder, made where it is not there, for this process alone."""
+    try:
+        (folder / CELLS_NAME).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    with exclusive_lock(folder):
+        for place in (folder, folder / CELLS_NAME):
+            sweep(place)
+        yield folder
+
+
+def _greet(folder: Path, field: Field, rules: Rules, grid: Grid) -> None:
+    print("\n".join(backend.banner()))
+    for line in (*(f"note: {notice}" for notice in field.notices), *(f"skipped: {line}" for line in field.bad)):
+        print(printable(line))
+    defenders, attackers, episodes = grid.cause.shape
+    drawn = ", drawn actions" if rules.stochastic else ""
+    done = int(grid.flown.sum()) * episodes
+    before = f"; {done:,} were flown before" if done else ""
+    fights = defenders * attackers * episodes
+    print(
+        f"tournament {folder}: {defenders} defenders x {attackers} attackers x {episodes} = {fights:,} fights{drawn}{before}",
+        flush=True,
+    )
+
+
+def _about(field: Field, context: dict[str, Any], result: TournamentResult) -> dict[str, Any]:
+    """What the result says beside its entrants; plain JSON."""
+    also = lambda side: {seat.entrant.label: list(seat.also) for seat in side if seat.also}
+    return {
+        "package": package_version(),
+        "jax": jax.__version__,
+        **context,
+        "environment": environment(field.config),
+        "fights": int(result.counts.sum()),
+        "missing": list(field.bad),
+        "notices": list(field.notices),
+        "also": {f"{role}s": also(side) for role, side in zip(ROLES, field.seats, strict=True)},
+    }
+
+
+def _conclude(folder: Path, result: TournamentResult) -> None:
+    print(standings_text(result))
+    if absent := int((~result.played).sum()):
+        print(f"{absent:,} of {result.played.size:,} cells are missing: their players could not be read")
+    print(f"written to {folder}", flush=True)
+
+
+def _scripted(word: str) -> bool:
+    return word.startswith(SCRIPTED_PREFIX)

@@ -5,8 +5,6 @@ import asyncio
 import errno
 import os
 import resource
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,12 +14,9 @@ import numpy as np
 import pytest
 
 import dronecombat_jax.runs
-from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import Config, SelfPlayConfig, TrainConfig
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, EXIT_DIVERGED, UserError
 from dronecombat_jax.runs import checkpoint
 from dronecombat_jax.runs.checkpoint import CheckpointError
-from dronecombat_jax.selfplay.chunk import init_state
 
 
 class Moments(NamedTuple):
@@ -212,23 +207,5 @@ def test_the_room_never_unpickles():
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             assert not {"pickle", "cloudpickle", "dill", "shelve", "marshal"} & set(names), source
-            assert not (isinstance(node, ast.keyword) and node.arg == "allow_pickle"), source
-
-
-@pytest.mark.slow
-def test_a_hundred_stored_opponents_save_and_load_in_a_second(tmp_path: Path):
-    """With the paper's networks and 1000 environments; the best of three, as the machine has other work."""
-    config = Config(selfplay=SelfPlayConfig(probability=0.2), train=TrainConfig(total_steps=100 * 600_000))
-    combat, rng = Combat(config), np.random.default_rng(0)
-    shapes = jax.eval_shape(lambda: init_state(combat))
-    state = jax.tree.map(lambda leaf: (100 * rng.standard_normal(leaf.shape)).astype(leaf.dtype), shapes)
-    assert state.selfplay is not None and state.selfplay.pools[1].games.shape == (1, 100)
-
-    def seconds(action: Callable[[int], object], step: int) -> float:
-        start = time.monotonic()
-        action(step)
-        return time.monotonic() - start
-
-    saving = [seconds(lambda step: checkpoint.save(tmp_path, step, state, {}), step) for step in range(3)]
-    loading = [seconds(lambda step: checkpoint.restore(tmp_path, step, shapes), step) for step in range(3)]
-    assert min(saving) < 1.0 and min(loading) < 1.0
+            if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
+                assert isinstance(node.value, ast.Constant) and node.value.value is False, source

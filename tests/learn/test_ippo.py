@@ -14,6 +14,7 @@ from dronecombat_jax.learn.ippo import cut, estimate_values, init_learner, learn
 from dronecombat_jax.learn.networks import forward
 from dronecombat_jax.learn.normalize import denormalize, init_scaler, update_scaler
 from dronecombat_jax.learn.rollout import collect, policy_mean, policy_of, scaled, select
+from dronecombat_jax.selfplay.chunk import summarize
 from dronecombat_jax.types import ATTACKER, DEFENDER, Batch, Cause, Learner
 
 LEARN = LearnConfig(
@@ -59,7 +60,7 @@ def learn(make_probe, make_task):
             flying = policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
             env, rollout = collect(probe, flying, env, noise, spawn)
             learners, metrics = learn_from(CONFIG.learn, learners, rollout, shuffle, learning)
-            return (learners, env), metrics
+            return (learners, env), summarize(CONFIG, rollout, metrics, None)
 
         (learners, _), metrics = jax.lax.scan(one, (learners, env), jnp.arange(ITERATIONS))
         return learners, metrics
@@ -92,7 +93,7 @@ def test_reward_that_depends_on_the_observation(learn):
     for x in (-1.0, 1.0):
         assert result.value(DEFENDER, x) == pytest.approx(x, abs=0.1)
         assert result.value(ATTACKER, x) == pytest.approx(5.0 - 2.0 * x, abs=0.2)
-    assert np.all(result.metrics.explained_variance[-1] > 0.9)
+    assert np.all(result.metrics.learners.explained_variance[-1] > 0.9)
 
 
 def test_reward_that_comes_later_is_discounted(learn):
@@ -155,7 +156,7 @@ def test_a_reward_that_is_not_finite_costs_the_update_and_nothing_else(learn, re
     for name in ("parameters", "optimizer", "learning_rate"):  # no divergence: the rate must not climb either
         assert_same_bits(getattr(broken, name), getattr(select(start, DEFENDER), name))
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(result.learners))
-    skipped = result.metrics.skipped
+    skipped = result.metrics.learners.skipped
     assert skipped[:, DEFENDER].tolist() == [LEARN.epochs * LEARN.minibatches] * ITERATIONS
     assert not np.any(skipped[:, ATTACKER])
     assert_same_bits(select(result.learners, ATTACKER), select(learn(effort=1.0, constant=1.0).learners, ATTACKER))
@@ -171,7 +172,7 @@ def test_what_an_iteration_reports(learn):
     assert causes.sum() == causes[:, Cause.REACHED].sum()
     assert np.array_equal(result.metrics.episode_steps, 3 * causes.sum(1))
     np.testing.assert_allclose(result.metrics.reward_terms.approach, [[1.0, -3.0]] * ITERATIONS, rtol=1e-6)
-    learning_rate = np.asarray(result.metrics.learning_rate)
+    learning_rate = np.asarray(result.metrics.learners.learning_rate)
     assert np.all(learning_rate[:, DEFENDER] > 0) and result.learners.learning_rate[DEFENDER] == learning_rate[-1, 0]
 
 

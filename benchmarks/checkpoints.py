@@ -54,7 +54,9 @@ def measure(slots: int, envs: int, repeats: int) -> None:
         stored = sum(file.stat().st_size for file in (Path(folder) / "checkpoints" / "0").rglob("*") if file.is_file())
     megabytes = sum(leaf.nbytes for leaf in jax.tree.leaves(state)) / 1e6
     print(f"{slots} past players, {megabytes:.1f} MB of arrays, {stored / 1e6:.1f} MB on disk, median of {repeats}:")
-    print(f"  save {statistics.median(saving):.2f} s (slowest {max(saving):.2f}), load {statistics.median(loading):.2f} s")
+    print(
+        f"  save {statistics.median(saving):.2f} s (slowest {max(saving):.2f}), load {statistics.median(loading):.2f} s"
+    )
 
 
 if __name__ == "__main__":

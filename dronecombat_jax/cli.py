@@ -191,6 +191,7 @@ def tournament(args: Sequence[str]) -> int:
         raise UserError(
             f"nobody is named: {prog} ENTRANT [ENTRANT ...], such as a run, scripted:all, policy.safetensors"
         )
+    _rate_on_one_core()
     _prepare(given.device)
     from dronecombat_jax.arena.rectangle import Rules
     from dronecombat_jax.runs import tournament as tournaments

@@ -25,7 +25,11 @@ STARTS, NOISE = 0, 1  # what the tournament's seed is drawn on for
 
 
 class Layout(NamedTuple):
-    """Static shapes of one batch; no outcome depends on them."""
+    """Static shapes of one batch.
+
+    TRAP: another number of lanes makes XLA round MJX's last bits differently, so it is one for a kind of device; more
+    lanes in the air are more batches. Nothing else in here, and no place in a batch, can change an outcome.
+    """
 
     lanes: int
     block: int  # lanes that share one policy's product

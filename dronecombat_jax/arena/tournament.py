@@ -2,10 +2,10 @@
 
 Fights wait in a queue for the lanes of small batches; a batch flies a few control steps in one call of a compiled
 program, then the fights that ended give up their lanes. An outcome depends on the two players, the episode and the
-seed, and on nothing else. What does not live here: where players come from and where results go (`runs`), ratings.
+seed, and not on batches, devices, cores, order or who else takes part. What does not live here: where players come from and where results go (`runs`), ratings.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
@@ -37,7 +37,7 @@ def play(
     layout: Layout | None = None,
     batches: int | None = None,
     compiling: Compiling = lambda what: nullcontext(),
-) -> Iterator[Harvest]:
+) -> Generator[Harvest, None, None]:
     """Fly the cells `wanted` [D, A] (default: all); one `Harvest` a call, so that the caller may stop between two.
 
     `batches` in the air on each device; by default as many as there are cores. `compiling` is entered to compile.

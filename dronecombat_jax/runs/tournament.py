@@ -53,6 +53,7 @@ def tournament(
     Raises UserError: 2 and 3 as `read_field`, 73 where the folder cannot be written.
     """
     path = run_path(root, name or default_name(words))
+    print("reading and verifying everybody ...", flush=True)
     field = read_field(words, every=every, skip_bad=skip_bad, allow_mismatch=allow_mismatch)
     defenders, attackers = ([seat.entrant for seat in side] for side in field.seats)
     with _claim(path) as folder:

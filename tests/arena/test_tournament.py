@@ -122,7 +122,7 @@ def test_a_cell_is_what_a_plain_loop_of_single_fights_gives(combat: Coasting, fl
 
 def test_drawn_actions_are_those_of_the_same_loop(combat: Coasting, drawn: SimpleNamespace, flown: SimpleNamespace):
     np.testing.assert_array_equal(one_by_one(combat, DEFENDERS[:4], ATTACKERS[:5], drawn.rules), drawn.grid)
-    assert np.mean(drawn.grid[1] != flown.grid[1, :4, :5]) > 0.5
+    assert np.mean(drawn.grid[1] != flown.grid[1, :4, :5]) > 0.3
 
 
 def test_no_outcome_depends_on_batches(combat: Coasting, flown: SimpleNamespace, drawn: SimpleNamespace):
@@ -163,8 +163,7 @@ def test_episode_e_starts_alike_in_every_cell_and_for_any_number_of_episodes(com
 
 def test_a_policy_of_nan_loses_its_own_fights_alone(combat: Coasting, flown: SimpleNamespace):
     broken = player(3)._replace(identity="broken")
-    weights = tuple(np.full_like(weight, np.nan) for weight in broken.pilot.network.weights)
-    broken = broken._replace(pilot=broken.pilot.replace(network=broken.pilot.network.replace(weights=weights)))
+    broken = broken._replace(pilot=jax.tree.map(lambda leaf: np.full_like(leaf, np.nan), broken.pilot))
     out = grid(combat, [*DEFENDERS[:2], broken], ATTACKERS[:2], flown.rules, layout=SMALL)
     assert np.all(out[0, 2] == Cause.DEFENDER_INVALID) and np.all(out[1, 2] == 1)
     np.testing.assert_array_equal(out[:, :2], flown.grid[:, :2, :2])
@@ -203,12 +202,14 @@ def test_two_devices_give_the_same_outcomes(flown: SimpleNamespace):
     np.testing.assert_array_equal(np.asarray(json.loads(done.stdout)), flown.grid[:, :4, :5])
 
 
-def test_in_mjx_a_cell_is_what_a_plain_match_gives(arena: SimpleNamespace):
+def test_in_mjx_cells_are_what_plain_matches_give(arena: SimpleNamespace):
     """Eight fights at once there, blocks of other policies' fights here."""
     config = replace(arena.combat.config, game=replace(arena.combat.config.game, episode_steps=60))
     combat, rules, learn = Combat(config, arena.combat.scene), Rules(8, seed=1), LearnConfig()
-    defenders, attackers = [player(0, steer=1.0), player(1, steer=1.0)], [player(10, steer=1.0), player(11, steer=1.0)]
+    defenders, attackers = [player(i, steer=1.0) for i in range(4)], [player(10 + i, steer=1.0) for i in range(4)]
     out = grid(combat, defenders, attackers, rules, layout=SMALL, batches=1)
+    again = grid(combat, defenders[::-1], attackers[::-1], rules, layout=SMALL, batches=2)
+    np.testing.assert_array_equal(again[:, ::-1, ::-1], out)
     starts = start_states(combat, rules.seed, rules.episodes)
 
     @jax.jit

@@ -4,6 +4,7 @@ What lives here: temporary names, fsync, atomic replacement, sweeping of left-ov
 not: what the files mean (`rundir`, `checkpoint`, `metrics`).
 """
 
+import contextlib
 import errno
 import os
 import re
@@ -35,7 +36,8 @@ def write_atomic(path: Path, data: str | bytes) -> None:
     except OSError as error:
         raise cannot_write(path, error, len(content)) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # a name too long, say: the error above tells
+            temporary.unlink()
 
 
 def write_new(path: Path, content: bytes) -> None:

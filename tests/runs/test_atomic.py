@@ -57,3 +57,9 @@ def test_sweep_takes_only_temporary_names_and_follows_no_link(tmp_path: Path):
     assert [path.name for path in directory.iterdir()] == ["12"]
     assert (outside / "keep").is_dir()
     assert sweep(tmp_path / "absent") == []
+
+
+def test_a_name_too_long_is_told_as_what_cannot_be_written(tmp_path: Path):
+    with pytest.raises(UserError, match="File name too long") as error:
+        write_atomic(tmp_path / ("x" * 250), "text")
+    assert error.value.exit_code == EXIT_CANNOT_WRITE and list(tmp_path.iterdir()) == []

@@ -46,7 +46,7 @@ def away_panel(result: TournamentResult, every: int = 10) -> Panel:
     missing = tuple((result.defenders[row].lineage, result.defenders[row].method) for row in np.asarray(finals)[~whole])
     dropped = tuple(result.attackers[seat].identity for seat in np.asarray(seats)[~met])
     rows = [result.defenders[row] for row, keep in zip(finals, whole, strict=True) if keep]
-    players = [result.attackers[seat] for seat, keep in zip(seats, met, strict=True) if keep]
+    players = [result.attackers[seat] for seat, keep in zip(seats, np.atleast_1d(met), strict=True) if keep]
     cells = np.where(own, np.nan, rate)[np.ix_(whole, met)]
     names = sorted({_group(player) for player in players})
     member = np.asarray([[_group(player) == name for player in players] for name in names]).reshape(len(names), -1)

@@ -79,6 +79,6 @@ def _rectangles(
             cells = wanted[np.ix_(rows, columns)]
             if cells.any():  # without the players who have flown all of theirs
                 yield (
-                    [row for row, some in zip(rows, cells.any(axis=1), strict=True) if some],
-                    [column for column, some in zip(columns, cells.any(axis=0), strict=True) if some],
+                    [row for row, some in zip(rows, np.atleast_1d(cells.any(axis=1)), strict=True) if some],
+                    [column for column, some in zip(columns, np.atleast_1d(cells.any(axis=0)), strict=True) if some],
                 )

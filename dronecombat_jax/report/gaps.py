@@ -78,7 +78,7 @@ def _missing_seeds(result: TournamentResult) -> list[str]:
 
 
 def _played(result: TournamentResult) -> tuple[NDArray, NDArray]:
-    return result.played.any(axis=1), result.played.any(axis=0)
+    return np.atleast_1d(result.played.any(axis=1)), np.atleast_1d(result.played.any(axis=0))
 
 
 def _listed(names: Sequence[str], most: int = 8) -> str:

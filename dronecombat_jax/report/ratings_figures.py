@@ -115,7 +115,9 @@ def finals(study: Study) -> Figure:
         ax.set_xlim(*limits)
         for row, one in enumerate(order):
             if np.isnan(rated.rating[one]):
-                ax.text(np.mean(limits), row, "no fights", ha="center", va="center", color="#777777", fontsize=8.5)
+                ax.text(
+                    float(np.mean(limits)), row, "no fights", ha="center", va="center", color="#777777", fontsize=8.5
+                )
                 continue
             _interval(ax, row + 0.12, rated.low[one], rated.high[one], limits, ROLE_COLOURS[role])
             ax.plot(rated.rating[one], row + 0.12, "o", color=ROLE_COLOURS[role], markersize=5)

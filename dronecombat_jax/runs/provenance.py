@@ -64,7 +64,8 @@ def _random() -> dict[str, Any]:
     """What the bits behind a key depend on besides the seed."""
     import jax
 
-    return {"generator": jax.config.jax_default_prng_impl, "partitionable": jax.config.jax_threefry_partitionable}
+    options: Any = jax.config  # which of them jax declares differs between its versions
+    return {"generator": options.jax_default_prng_impl, "partitionable": options.jax_threefry_partitionable}
 
 
 def _spelt(random: Any) -> str:

@@ -57,8 +57,13 @@ class GameConfig:
     scenario: Literal["duel", "solo"] = setting(
         "duel", "duel: both fight; solo: the attacker alone, the defender is absent"
     )
-    spawn: Literal["fixed", "uniform"] = setting(
-        "fixed", "start positions: the paper's three points, or uniform in [-5, 5]^2"
+    spawn: Literal["fixed", "uniform"] = setting("fixed", "start positions: three points, or uniform in [-5, 5]^2")
+    spawn_spread: float = setting(
+        0.0,
+        "fixed starts: half-width of the square around each point in which it is drawn",
+        unit="m",
+        low=0.0,
+        high=5.0,
     )
     spawn_altitude_low: float = setting(0.5, "lowest start altitude", unit="m", low=0.0, high=100.0)
     spawn_altitude_high: float = setting(1.5, "highest start altitude", unit="m", low=0.0, high=100.0)

@@ -97,6 +97,11 @@ def _game(config: Config) -> Iterator[Problem]:
             ("game.spawn_altitude_low", "game.spawn_altitude_high"),
             f"game.spawn_altitude_low = {low:g} must not exceed game.spawn_altitude_high = {high:g}",
         )
+    if game.spawn == "uniform" and game.spawn_spread:
+        yield Problem(
+            ("game.spawn", "game.spawn_spread"),
+            f"game.spawn_spread = {game.spawn_spread:g} widens fixed starts; with game.spawn = uniform it must be 0",
+        )
     if crash >= low:
         yield Problem(
             ("game.crash_altitude", "game.spawn_altitude_low"),

@@ -15,6 +15,8 @@ from dronecombat_jax.settings import SCHEMA
 
 # Raise it where physics, rules or observation change while the settings stay as they are.
 ENVIRONMENT_VERSION = 1
+# Settings that came later: at these values the game is the one before them, and keeps its digest.
+_LATER = {"game.spawn_spread": 0.0}
 # The clock of a training run's first fights: no fight between trained policies begins with it.
 _TRAINING_ONLY = ("game.random_clock",)
 
@@ -29,7 +31,11 @@ def observation_fields(observation: str) -> tuple[tuple[str, int], ...]:
 def environment(config: Config) -> dict[str, Any]:
     """What a trained policy meets, as plain JSON: version, observation, settings of `sim` and `game` by dotted key."""
     values = flatten(config)
-    met = [key for key in SCHEMA if key.startswith(("sim.", "game.")) and key not in _TRAINING_ONLY]
+    met = [
+        key
+        for key in SCHEMA
+        if key.startswith(("sim.", "game.")) and key not in _TRAINING_ONLY and values[key] != _LATER.get(key)
+    ]
     fields = [list(field) for field in observation_fields(config.game.observation)]
     return {
         "version": ENVIRONMENT_VERSION,

@@ -52,13 +52,15 @@ class Match(NamedTuple):
     stochastic: bool = False  # draw the policies' actions instead of taking their mean
     defender: str = ""  # a scripted pilot in the defender's place (combat.scripted.PILOTS); "": the run's own
     attacker: str = ""
-    spawn: str = ""  # "fixed" or "uniform" starts; "": those of the run
+    spawn: str = ""  # "fixed" (the three points themselves) or "uniform" starts; "": those of the run
 
 
 def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
     """The fights of `match` with the policies of one of the run's seeds; NumPy leaves. UserError for an unknown pilot."""
     game = run.config.game
-    config = replace(run.config, game=replace(game, spawn=match.spawn or game.spawn))
+    if match.spawn:
+        game = replace(game, spawn=match.spawn, spawn_spread=0.0)
+    config = replace(run.config, game=game)
     combat = Combat(config, run.combat.scene)
     learn = config.learn
 

@@ -93,11 +93,12 @@ def test_key_is_used_once(arena: SimpleNamespace):
 
 @pytest.fixture(scope="module")
 def thousand(arena: SimpleNamespace) -> dict[str, EnvState]:
-    """A thousand starts by `spawn`."""
+    """A thousand starts of each kind."""
     keys, starts = jax.random.split(jax.random.key(3), 1000), {}
-    for spawn in ("fixed", "uniform"):
-        combat = Combat(Config(game=GameConfig(spawn=spawn)), arena.combat.scene)
-        starts[spawn] = jax.jit(jax.vmap(combat.reset))(keys)
+    games = {"fixed": GameConfig(), "uniform": GameConfig(spawn="uniform"), "spread": GameConfig(spawn_spread=1.5)}
+    for name, game in games.items():
+        combat = Combat(Config(game=game), arena.combat.scene)
+        starts[name] = jax.jit(jax.vmap(combat.reset))(keys)
     return starts
 
 
@@ -120,6 +121,12 @@ def test_uniform_start_fills_the_arena(thousand: dict[str, EnvState]):
     where = places(thousand["uniform"])
     assert_uniform(where[:, :, :2].reshape(1000, -1), -5.0, 5.0)
     assert_uniform(where[:, :, 2], 0.5, 1.5)
+
+
+def test_a_spread_start_fills_a_square_around_each_of_the_papers_points(thousand: dict[str, EnvState]):
+    offset = places(thousand["spread"]) - [[0, 5, 0], [0, 0, 0], [5, 5, 0]]
+    assert_uniform(offset[:, :, :2].reshape(1000, -1), -1.5, 1.5)
+    assert_uniform(offset[:, :, 2], 0.5, 1.5)
 
 
 def assert_uniform(columns: np.ndarray, low: float, high: float) -> None:

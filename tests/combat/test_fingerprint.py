@@ -50,6 +50,12 @@ def test_a_new_version_of_the_game_changes_it(monkeypatch):
     assert environment_digest(Config()) != before
 
 
+def test_a_setting_that_came_later_leaves_the_game_before_it_alone():
+    assert environment_digest(Config()) == environment_digest(Config(game=GameConfig(spawn_spread=0)))
+    assert "game.spawn_spread" not in environment(Config())  # checkpoints and policies from before it go on flying
+    assert environment(Config(game=GameConfig(spawn_spread=1)))["game.spawn_spread"] == 1.0
+
+
 def test_what_is_missing_on_one_side_is_a_difference():
     lines = environment_diff({"version": 1, "game.wind": 2.0}, {"version": 1, "game.spawn": "fixed"})
     assert lines == ['game.spawn is nothing there, "fixed" here', "game.wind is 2.0 there, nothing here"]

@@ -77,6 +77,7 @@ class TournamentFlags:
 
     episodes: int = setting(5, "fights of each pair; fight e starts alike for all pairs", low=1, high=10**5)
     every: int = setting(1, "of a run every n-th chunk, and the last", low=1, high=10**6)
+    untrained: bool = setting(False, "of a run also the players that it began with; the paper's are chunk ends alone")
     name: str = setting("", "folder in tournaments/ (default: the names of the runs)")
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
     stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
@@ -97,12 +98,13 @@ class ReportFlags:
 class CompareFlags:
     """Does one method's final defender beat another's? All RUNS before the flags meet in one tournament.
 
-    Every RUN is a folder, or a name in runs/. The scripted pilots take part as anchors.
+    Every RUN is a folder, or a name in runs/. The scripted pilots take part as anchors. Flown is what the answer and
+    its figures rest on: final defenders against everybody, each run against itself, scripted pilots against final ones.
     """
 
     by: str = setting("method", "what parts the runs: method, preset, run, or a setting such as train.total_steps")
     tournament: str = setting("", "its folder in tournaments/ (default: compare- and the runs); alone: judge it again")
-    every: int = setting(10, "of a run every n-th chunk, and the last", low=1, high=10**6)
+    every: int = setting(10, "a run's attackers on the panel: every n-th chunk's, and the last", low=1, high=10**6)
     episodes: int = setting(50, "fights of each pair", low=1, high=10**5)
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
     stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
@@ -202,6 +204,7 @@ def tournament(args: Sequence[str]) -> int:
         rules,
         name=given.name,
         every=given.every,
+        untrained=given.untrained,
         skip_bad=given.skip_bad,
         allow_mismatch=given.allow_env_mismatch,
     )

@@ -10,7 +10,7 @@ from dronecombat_jax import cli, runs
 from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.errors import EXIT_CONFIG
 
-DEFAULTS = {"name": "", "every": 1, "skip_bad": False, "allow_mismatch": False}
+DEFAULTS = {"name": "", "every": 1, "untrained": False, "skip_bad": False, "allow_mismatch": False}
 
 
 @pytest.fixture
@@ -37,8 +37,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list:
         ("ippo sippo scripted:all", ["ippo", "sippo", "scripted:all"], Rules(), {}),
         ("--episodes 7 ippo --seed=3 x.safetensors --stochastic a", ["ippo", "x.safetensors", "a"], Rules(7, 3, True), {}),
         ("ippo --skip_bad --every 10 --name --allow-env-mismatch", None, None, None),
-        ("--skip-bad ippo --every 10 --name mine b --allow-env-mismatch", ["ippo", "b"], Rules(),
-         {"skip_bad": True, "every": 10, "name": "mine", "allow_mismatch": True}),
+        ("--skip-bad ippo --every 10 --name mine b --allow-env-mismatch --untrained", ["ippo", "b"], Rules(),
+         {"skip_bad": True, "every": 10, "name": "mine", "allow_mismatch": True, "untrained": True}),
     ],
 )  # fmt: skip
 def test_words_and_flags(asked: list, args: str, words, rules, how, capsys):

@@ -13,9 +13,9 @@ from scipy.special import logit
 from scipy.stats import t as student
 
 from dronecombat_jax.arena.bradley_terry import POINTS
-from dronecombat_jax.arena.panel import Panel, away_panel
+from dronecombat_jax.arena.panel import EVERY, Panel, away_panel
 from dronecombat_jax.arena.permutation import holm, permutation_test
-from dronecombat_jax.arena.result import TournamentResult
+from dronecombat_jax.arena.result import TournamentResult, showings
 
 MARGIN = 25.0  # points: methods closer than this are called equivalent
 LEVEL = 0.05
@@ -48,18 +48,28 @@ class Comparison(NamedTuple):
     new_attackers: tuple[float, float]  # 95 % interval of the score's difference for other runs on both sides
     elo: Welch  # the same in points: the score's logit
     equivalence_p: float  # that |difference| < MARGIN, by two one-sided tests
+    adjusted_equivalence_p: float  # Holm's
     verdict: str
 
 
-def compare_methods(result: TournamentResult, methods: Sequence[str] | None = None, seed: int = 0) -> list[Comparison]:
-    """Compare every pair of `methods` (default: all that trained a defender, by name) on the common away panel."""
-    panel = away_panel(result)
-    known = sorted({entrant.method for entrant in result.defenders if entrant.lineage})
+def compare_methods(
+    result: TournamentResult, methods: Sequence[str] | None = None, seed: int = 0, every: int = EVERY
+) -> list[Comparison]:
+    """Compare every pair of `methods` (default: all that trained a defender, by name) on the common `away_panel`.
+
+    Holm's correction goes over all pairs, for the differences and for the equivalences.
+    """
+    panel = away_panel(result, every)
+    known = sorted({one.method for _, one in showings(result.defenders) if one.lineage})
     methods = known if methods is None else list(methods)
     comparisons = [_compare(panel, *pair, seed) for pair in combinations(methods, 2)]
-    adjusted = holm([one.p_value for one in comparisons])
-    pairs = zip(comparisons, adjusted, strict=True)
-    return [one._replace(adjusted_p=float(p), verdict=_verdict(one, float(p))) for one, p in pairs]
+    differ = holm([one.p_value for one in comparisons]).tolist()
+    equal = holm([one.equivalence_p for one in comparisons]).tolist()
+    told = [
+        one._replace(adjusted_p=p, adjusted_equivalence_p=q)
+        for one, p, q in zip(comparisons, differ, equal, strict=True)
+    ]
+    return [one._replace(verdict=_verdict(one)) for one in told]
 
 
 def welch(first: NDArray, second: NDArray, level: float = LEVEL) -> Welch:
@@ -103,13 +113,14 @@ def pigeonhole_interval(panel: Panel, first: str, second: str, draws: int = 2000
     rng = np.random.default_rng(seed)
     groups = np.asarray(panel.group_methods)
     weight = np.ones((draws, len(groups)))
-    for name in {name for name, run in zip(panel.group_methods, panel.groups, strict=True) if run}:
+    for name in sorted({name for name, run in zip(panel.group_methods, panel.groups, strict=True) if run}):
         members = np.flatnonzero((groups == name) & np.asarray([bool(run) for run in panel.groups]))
         weight[:, members] = rng.multinomial(len(members), np.full(len(members), 1 / len(members)), draws)
     met = ~np.isnan(panel.table)
     share = weight * panel.weights
     filled = np.where(met, panel.table, 0.0)
-    drawn = (share @ filled.T) / np.maximum(share @ met.T, 1e-300)  # [draws, R]
+    met_share = share @ met.T
+    drawn = np.where(met_share > 0, share @ filled.T / np.maximum(met_share, 1e-300), panel.score)  # [draws, R]
     means = []
     for members in rows:
         multiplicity = rng.multinomial(len(members), np.full(len(members), 1 / len(members)), draws)
@@ -153,14 +164,15 @@ def _compare(panel: Panel, first: str, second: str, seed: int) -> Comparison:
         new_attackers=pigeonhole_interval(panel, first, second, seed=seed),
         elo=welch(elo[0], elo[1]),
         equivalence_p=equivalence(elo[0], elo[1]),
+        adjusted_equivalence_p=np.nan,
         verdict="",
     )
 
 
-def _verdict(one: Comparison, p_value: float) -> str:
-    if p_value < LEVEL:
+def _verdict(one: Comparison) -> str:
+    if one.adjusted_p < LEVEL:
         winner, loser = (one.first, one.second) if one.score.difference > 0 else (one.second, one.first)
         return f"{winner} beats {loser}"
-    if one.equivalence_p < LEVEL:
+    if one.adjusted_equivalence_p < LEVEL:
         return f"{one.first} and {one.second} are equivalent within {MARGIN:g} Elo"
     return f"undecided between {one.first} and {one.second}"

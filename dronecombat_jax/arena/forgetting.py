@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecombat_jax.arena.result import Entrant, TournamentResult, score_rate
+from dronecombat_jax.arena.result import Entrant, TournamentResult, by_training, score_rate
 
 
 class RunMap(NamedTuple):
@@ -48,16 +48,15 @@ def run_maps(result: TournamentResult, rate: NDArray | None = None) -> tuple[Run
     `rate` [D, A] defaults to the defender's mean score; `result.win_rate` gives the paper's maps.
     """
     rate = score_rate(result) if rate is None else rate
-    defenders, attackers = _by_run(result.defenders), _by_run(result.attackers)
+    defenders, attackers = by_training(result.defenders), by_training(result.attackers)
     runs = [run for run in defenders if run in attackers]
-    chunks = np.unique([chunk for side in (defenders, attackers) for run in runs for chunk in side[run]])
+    chunks = np.unique([one.chunk for side in (defenders, attackers) for run in runs for _, one in side[run]])
     maps = []
     for run in runs:
-        rows, columns = defenders[run], attackers[run]
         score = np.full((len(chunks), len(chunks)), np.nan)
-        at = np.ix_(np.searchsorted(chunks, list(rows)), np.searchsorted(chunks, list(columns)))
-        score[at] = rate[np.ix_(list(rows.values()), list(columns.values()))]
-        entrant = result.defenders[next(iter(rows.values()))]
+        indices, places = zip(*(_places(side[run], chunks) for side in (defenders, attackers)), strict=True)
+        score[np.ix_(*places)] = rate[np.ix_(*indices)]
+        entrant = defenders[run][0][1]
         maps.append(RunMap(run, entrant.method, entrant.seed, chunks, score))
     return tuple(maps)
 
@@ -94,28 +93,24 @@ def forgetting(score: NDArray) -> Forgetting:
     )
 
 
-def home_and_away(result: TournamentResult, defender: int) -> tuple[float, float]:
-    """Mean score of one defender (index) at home, against its own run's attackers, and away, against other runs'.
+def home_and_away(result: TournamentResult, run: str) -> tuple[float, float]:
+    """Mean score of a run's last defender at home, against the own attackers, and away, against other runs'.
 
-    Each opposing run weighs the same; scripted pilots are neither. NaN where nobody was met.
+    `run` is a lineage. Each opposing run weighs the same; scripted pilots are neither. NaN where nobody was met.
     """
-    rate = score_rate(result)[defender]
+    rate = score_rate(result)[by_training(result.defenders)[run][-1][0]]
     home, away = [], []
-    for run, members in _by_run(result.attackers).items():
-        met = rate[list(members.values())]
+    for other, members in by_training(result.attackers).items():
+        met = rate[np.unique([index for index, _ in members])]
         met = met[~np.isnan(met)]
         if len(met):
-            (home if run == result.defenders[defender].lineage else away).append(met.mean())
+            (home if other == run else away).append(met.mean())
     return _mean(np.asarray(home)), _mean(np.asarray(away))
 
 
-def _by_run(entrants: Sequence[Entrant]) -> dict[str, dict[int, int]]:
-    """For each run its entrants' indices by chunk, in order of chunk."""
-    runs: dict[str, dict[int, int]] = {}
-    for index, entrant in sorted(enumerate(entrants), key=lambda pair: pair[1].chunk):
-        if entrant.lineage:
-            runs.setdefault(entrant.lineage, {})[entrant.chunk] = index
-    return runs
+def _places(saved: Sequence[tuple[int, Entrant]], chunks: NDArray) -> tuple[list[int], NDArray[np.integer]]:
+    """The indices of a run's players and their places on the grid of `chunks`."""
+    return [index for index, _ in saved], np.searchsorted(chunks, [one.chunk for _, one in saved])
 
 
 def _mean(values: NDArray) -> float:

@@ -4,12 +4,16 @@ Fixed beforehand: the panel is the final and every tenth attacker of all runs, a
 attackers do not count for it. Every attacker weighs the same.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecombat_jax.arena.result import Entrant, TournamentResult, score_rate
+from dronecombat_jax.arena.result import Entrant, TournamentResult, by_training, score_rate, showings
+from dronecombat_jax.types import ATTACKER, DEFENDER
+
+EVERY = 10  # chunks between the attackers of a run on the panel
 
 
 class Panel(NamedTuple):
@@ -28,46 +32,66 @@ class Panel(NamedTuple):
     weights: NDArray[np.float64]  # [G] attackers in it
     missing: tuple[tuple[str, str], ...]  # (run, method) left out: the final defender did not play half of the panel
     dropped: tuple[str, ...]  # identities of panel attackers that some remaining defender did not meet
+    copies: tuple[tuple[str, str], ...] = ()  # (run, run of the same final defender): no second seed
 
 
-def away_panel(result: TournamentResult, every: int = 10) -> Panel:
+def away_panel(result: TournamentResult, every: int = EVERY) -> Panel:
     """Score every run's final defender; `every`: which chunks of the attackers sit on the panel beside the final one.
 
     Nothing missing is made up. A defender that did not play half of the panel is left out and named in `missing`;
-    then attackers that did not meet all the others are left out, so that the panel stays common.
+    then attackers that did not meet all the others are left out, so that the panel stays common. Two runs that end
+    with the same defender are one training seen twice: the second is named in `copies` and does not count.
     """
-    finals = list(_finals(result.defenders).values())
+    finals, copies = _different(by_training(result.defenders))
     seats = _seats(result.attackers, every)
-    rate = score_rate(result)[np.ix_(finals, seats)]
-    own = np.asarray([[_home(result, row, seat) for seat in seats] for row in finals], bool).reshape(rate.shape)
+    rows = [index for index, _ in finals]
+    rate = score_rate(result)[np.ix_(rows, seats)]
+    homes = _homes(result.attackers)
+    own = np.asarray([[one.lineage in homes[seat] for seat in seats] for _, one in finals], bool).reshape(rate.shape)
     absent = np.isnan(rate) & ~own
     whole = absent.mean(axis=1) < 0.5 if len(seats) else np.zeros(len(finals), bool)
     met = ~absent[whole].any(axis=0)
-    missing = tuple((result.defenders[row].lineage, result.defenders[row].method) for row in np.asarray(finals)[~whole])
-    dropped = tuple(result.attackers[seat].identity for seat in np.asarray(seats)[~met])
-    rows = [result.defenders[row] for row, keep in zip(finals, whole, strict=True) if keep]
+    kept = [one for (_, one), keep in zip(finals, whole, strict=True) if keep]
     players = [result.attackers[seat] for seat, keep in zip(seats, np.atleast_1d(met), strict=True) if keep]
     cells = np.where(own, np.nan, rate)[np.ix_(whole, met)]
     names = sorted({_group(player) for player in players})
     member = np.asarray([[_group(player) == name for player in players] for name in names]).reshape(len(names), -1)
     weights = member.sum(axis=1).astype(float)
-    away = ~np.isnan(cells)
     table = _average(cells, member)
     return Panel(
-        runs=tuple(row.lineage for row in rows),
-        methods=tuple(row.method for row in rows),
-        seeds=tuple(row.seed for row in rows),
-        steps=tuple(row.steps for row in rows),
+        runs=tuple(one.lineage for one in kept),
+        methods=tuple(one.method for one in kept),
+        seeds=tuple(one.seed for one in kept),
+        steps=tuple(one.steps for one in kept),
         score=_average(cells, np.ones((1, len(players)), bool))[:, 0],
         adjusted=additive_scores(table, weights),
-        fights=away.sum(axis=1) * result.cause.shape[2],
+        fights=(~np.isnan(cells)).sum(axis=1) * result.cause.shape[2],
         table=table,
         groups=tuple(run for run, _, _ in names),
         group_methods=tuple(method for _, method, _ in names),
         weights=weights,
-        missing=missing,
-        dropped=dropped,
+        missing=tuple((one.lineage, one.method) for (_, one), keep in zip(finals, whole, strict=True) if not keep),
+        dropped=tuple(result.attackers[seat].identity for seat in np.asarray(seats)[~met]),
+        copies=copies,
     )
+
+
+def cells_needed(defenders: Sequence[Entrant], attackers: Sequence[Entrant]) -> NDArray[np.bool_]:
+    """The cells [D, A] that the comparison of methods, its intervals and its figures rest on.
+
+    The final defenders against everybody (the panel; the own attackers for home minus away), every run against itself
+    (forgetting, the paper's maps), the scripted defenders against final attackers and scripted ones (anchors).
+    """
+    needed = np.zeros((len(defenders), len(attackers)), bool)
+    own = by_training(defenders), by_training(attackers)
+    for lineage, saved in own[DEFENDER].items():
+        needed[saved[-1][0]] = True
+        rows, columns = ([index for index, _ in side.get(lineage, ())] for side in own)
+        needed[np.ix_(rows, columns)] = True
+    pilots = [[index for index, one in enumerate(side) if not one.lineage] for side in (defenders, attackers)]
+    last = [saved[-1][0] for saved in own[ATTACKER].values()]
+    needed[np.ix_(pilots[DEFENDER], [*last, *pilots[ATTACKER]])] = True
+    return needed
 
 
 def additive_scores(table: NDArray, weights: NDArray) -> NDArray[np.float64]:
@@ -86,29 +110,43 @@ def additive_scores(table: NDArray, weights: NDArray) -> NDArray[np.float64]:
     return effects[:size] + effects[size:] @ weights / weights.sum() if len(rows) else np.full(size, np.nan)
 
 
-def _finals(entrants: tuple[Entrant, ...]) -> dict[str, int]:
-    """The index of each run's last entrant, in order of run."""
-    last: dict[str, int] = {}
-    for index, entrant in enumerate(entrants):
-        run = entrant.lineage
-        if run and (run not in last or entrant.chunk > entrants[last[run]].chunk):
-            last[run] = index
-    return dict(sorted(last.items()))
+def _different(
+    trainings: dict[str, list[tuple[int, Entrant]]],
+) -> tuple[list[tuple[int, Entrant]], tuple[tuple[str, str], ...]]:
+    """Each run's last entrant, in order of run, and the runs that end with the same one as an earlier run."""
+    first: dict[int, Entrant] = {}
+    copies = []
+    for lineage, saved in sorted(trainings.items()):
+        index, one = saved[-1]
+        if index in first:
+            copies.append((lineage, first[index].lineage))
+        else:
+            first[index] = one
+    return list(first.items()), tuple(copies)
 
 
-def _seats(entrants: tuple[Entrant, ...], every: int) -> list[int]:
-    final = set(_finals(entrants).values())
-    tenth = lambda entrant: entrant.chunk > 0 and entrant.chunk % every == 0
-    seats = [index for index, one in enumerate(entrants) if not one.lineage or index in final or tenth(one)]
-    return sorted(seats, key=lambda index: entrants[index].identity)
+def _seats(entrants: Sequence[Entrant], every: int) -> list[int]:
+    """Indices of the scripted pilots, each run's last entrant and every n-th, in order of identity."""
+    pilots = {index for index, one in enumerate(entrants) if not one.lineage}
+    trained = {
+        index
+        for saved in by_training(entrants).values()
+        for index, one in saved
+        if one is saved[-1][1] or (one.chunk > 0 and one.chunk % every == 0)
+    }
+    return sorted(pilots | trained, key=lambda index: entrants[index].identity)
+
+
+def _homes(entrants: Sequence[Entrant]) -> dict[int, set[str]]:
+    """The trainings in which each entrant was saved."""
+    homes: dict[int, set[str]] = {}
+    for index, one in showings(entrants):
+        homes.setdefault(index, set()).add(one.lineage)
+    return homes
 
 
 def _group(player: Entrant) -> tuple[str, str, str]:
     return (player.lineage, player.method, "" if player.lineage else player.identity)
-
-
-def _home(result: TournamentResult, row: int, seat: int) -> bool:
-    return result.attackers[seat].lineage == result.defenders[row].lineage
 
 
 def _average(cells: NDArray, member: NDArray) -> NDArray[np.float64]:

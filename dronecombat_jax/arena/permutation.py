@@ -55,6 +55,11 @@ def permutation_test(first: NDArray, second: NDArray, seed: int = 0) -> Permutat
     )
 
 
+def smallest_p(first: int, second: int) -> float:
+    """The least p-value of the two-sided permutation test with so many seeds; 0.029 with 4 v 4."""
+    return (1 + (first == second)) / comb(first + second, first)
+
+
 def sign_flip_test(differences: NDArray, seed: int = 0) -> Permutation:
     """Paired seeds: is the mean of `differences` [n] zero? All 2^n signs, or a sample of them."""
     differences = np.asarray(differences, float)

@@ -16,7 +16,7 @@ from scipy.special import log_expit
 from dronecombat_jax.arena.bradley_terry import POINTS, PRIOR_SD, Ratings, describe
 from dronecombat_jax.arena.design import design_of
 from dronecombat_jax.arena.likelihood import bernoulli_cells, fit
-from dronecombat_jax.arena.result import TournamentResult
+from dronecombat_jax.arena.result import TournamentResult, by_training
 
 NARROWEST, WIDEST = 0.5, 500.0  # points per step of the timeline: where w is looked for
 
@@ -34,18 +34,31 @@ class Timeline(NamedTuple):
     """Players of one training and role, in the order of training."""
 
     players: NDArray[np.integer]  # [T] numbers in P
-    time: NDArray[np.float64]  # [T] chunks, strictly increasing
+    time: NDArray[np.float64]  # [T] chunks, strictly increasing; those that changed nothing are not counted
 
 
 def timelines(result: TournamentResult) -> tuple[Timeline, ...]:
-    """The timelines of all runs in a tournament, both roles; scripted pilots are in none."""
-    groups: dict[tuple[int, str], list[tuple[int, int]]] = {}
-    for number, entrant in enumerate([*result.defenders, *result.attackers]):
-        if entrant.lineage:
-            role = int(number >= len(result.defenders))
-            groups.setdefault((role, entrant.lineage), []).append((entrant.chunk, number))
-    ordered = [np.asarray(sorted(members)) for members in groups.values()]
-    return tuple(Timeline(members[:, 1], members[:, 0].astype(float)) for members in ordered)
+    """The timelines of all runs in a tournament, both roles; scripted pilots are in none.
+
+    Its time stands still while a policy is saved again unchanged, so that what is learnt in one chunk afterwards is one
+    step of the walk. A policy that two runs share is on the timeline of the first.
+    """
+    chains, taken = [], set()
+    for first, side in ((0, result.defenders), (len(result.defenders), result.attackers)):
+        for saved in by_training(side).values():
+            players: list[int] = []
+            times: list[int] = []
+            clock = before = saved[0][1].chunk
+            for index, one in saved:
+                clock += 0 if players and players[-1] == first + index else one.chunk - before
+                before = one.chunk
+                if first + index not in taken:
+                    taken.add(first + index)
+                    players.append(first + index)
+                    times.append(clock)
+            if players:
+                chains.append(Timeline(np.asarray(players), np.asarray(times, float)))
+    return tuple(chains)
 
 
 def random_walk_curve(

@@ -17,6 +17,17 @@ from dronecombat_jax.types import Cause, Outcome
 SCRIPTED = "scripted"  # the `method` of a pilot that was not trained
 
 
+class Alias(NamedTuple):
+    """Where else a player was saved: what training left alone for a chunk is the same policy once more."""
+
+    label: str
+    method: str
+    run: str
+    seed: int
+    chunk: int
+    steps: int
+
+
 class Entrant(NamedTuple):
     """One player, on one side."""
 
@@ -27,6 +38,7 @@ class Entrant(NamedTuple):
     seed: int  # -1: none
     chunk: int  # chunks of training done when it was saved, 0: untrained; -1: none
     steps: int  # environment steps trained until then
+    also: tuple[Alias, ...] = ()  # it flies once, under its first name
 
     @property
     def lineage(self) -> str:
@@ -102,6 +114,25 @@ def tournament_result(
         attackers=tuple(attackers),
         control_dt=float(control_dt),
     )
+
+
+def showings(entrants: Sequence[Entrant]) -> list[tuple[int, Entrant]]:
+    """Each entrant (index) under each of its names.
+
+    A head start saves the defender again and again as it was, a frozen chunk the attacker. Such a policy flies and is
+    rated once; whatever is shown over training shows it at every chunk.
+    """
+    every = lambda one: (one._replace(also=()), *(one._replace(also=(), **name._asdict()) for name in one.also))
+    return [(index, shown) for index, one in enumerate(entrants) for shown in every(one)]
+
+
+def by_training(entrants: Sequence[Entrant]) -> dict[str, list[tuple[int, Entrant]]]:
+    """What each training left, by lineage: the `showings`, in order of chunk, one a chunk."""
+    found: dict[str, dict[int, tuple[int, Entrant]]] = {}
+    for index, one in sorted(showings(entrants), key=lambda pair: pair[1].chunk):
+        if one.lineage:
+            found.setdefault(one.lineage, {})[one.chunk] = index, one
+    return {lineage: list(saved.values()) for lineage, saved in found.items()}
 
 
 def count_causes(cause: NDArray) -> NDArray[np.int32]:

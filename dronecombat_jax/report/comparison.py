@@ -3,8 +3,9 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from dronecombat_jax.arena.panel import EVERY, cells_needed
 from dronecombat_jax.arena.rectangle import Rules
-from dronecombat_jax.arena.result import TournamentResult
+from dronecombat_jax.arena.result import TournamentResult, showings
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, EXIT_TOURNAMENT, UserError
 from dronecombat_jax.report.plain import to_json
 from dronecombat_jax.report.tournament_report import find_tournament
@@ -26,20 +27,21 @@ def compare(
     *,
     by: str = "method",
     name: str = "",
-    every: int = 10,
+    every: int = EVERY,
     skip_bad: bool = False,
     allow_mismatch: bool = False,
     root: str = "tournaments",
 ) -> int:
     """Fly, or go on with, the cross-play of all `runs` and the scripted pilots, and judge it; returns an exit code.
 
-    Without `runs` the tournament `name` is judged as it lies there, by the methods that it names. UserError 2 for a
-    grouping that leaves nothing to compare, before anything is flown.
+    Only the cells that the answer and its report rest on are flown (`panel.cells_needed`); `every`: which attackers
+    of a run are on the panel beside its final one. Without `runs` the tournament `name` is judged as it lies there,
+    by the methods that it names. UserError 2 for a grouping that leaves nothing to compare, before anything is flown.
     """
     if not runs:
         if not name or by != "method":
             raise UserError("which runs? dronecombat compare RUN RUN ..., or --tournament NAME alone", EXIT_CONFIG)
-        return _judge(load_result(path := find_tournament(name, root)), path, by, [])
+        return _judge(load_result(path := find_tournament(name, root)), path, by, every, [])
     paths = [find_run(word) for word in dict.fromkeys(runs)]
     configs = read_configs(paths)
     groups = group(configs, by)
@@ -48,13 +50,13 @@ def compare(
     name = name or f"compare-{tournaments.default_name(runs)}"[:100]
     words = [*map(str, paths), ANCHORS]
     options = {"name": name, "every": every, "skip_bad": skip_bad, "allow_mismatch": allow_mismatch, "root": root}
-    code = tournaments.tournament(words, rules, **options)
+    code = tournaments.tournament(words, rules, **options, cells=cells_needed)
     if code not in (0, EXIT_TOURNAMENT):
         return code
     folder = run_path(root, name)
     differ = other_differences(configs, by)
     notes = [f"the runs differ in more than {by}: {', '.join(differ)}; any of it may be the cause"] if differ else []
-    _judge(regroup(load_result(folder), groups), folder, by, notes)
+    _judge(regroup(load_result(folder), groups), folder, by, every, notes)
     print(f"figures and tables of this tournament: dronecombat report {name}")
     return code
 
@@ -62,16 +64,19 @@ def compare(
 def regroup(result: TournamentResult, groups: Mapping[str, str]) -> TournamentResult:
     """The same tournament with each entrant's method named by `groups`, run by run; pilots stay what they are."""
     kind = lambda run: groups.get(run) or groups.get(run.rpartition("/")[0])  # of several seeds each is "run/seed"
-    for one in (*result.defenders, *result.attackers):
+    for _, one in showings([*result.defenders, *result.attackers]):
         if one.run and not kind(one.run):
             raise UserError(f"the tournament has a run that was not given: {one.run}", EXIT_DATA)
-    rename = lambda side: tuple(one._replace(method=kind(one.run)) if one.run else one for one in side)
+    named = lambda one: one._replace(method=kind(one.run)) if one.run else one
+    rename = lambda side: tuple(named(one)._replace(also=tuple(map(named, one.also))) for one in side)
     return result._replace(defenders=rename(result.defenders), attackers=rename(result.attackers))
 
 
-def write_comparison(result: TournamentResult, folder: Path, by: str, notes: Sequence[str] = ()) -> str:
+def write_comparison(
+    result: TournamentResult, folder: Path, by: str, every: int = EVERY, notes: Sequence[str] = ()
+) -> str:
     """Judge all pairs of methods, write comparison.json and comparison.txt into `folder`; returns the text."""
-    verdict = judge(result)
+    verdict = judge(result, every=every)
     least = min(int(fights) for fights in verdict.panel.fights)
     few = [f"only {least} fights behind one seed's score: {ENOUGH} are advised, see --episodes"] * (least < ENOUGH)
     notes = [*notes, *few]
@@ -81,8 +86,8 @@ def write_comparison(result: TournamentResult, folder: Path, by: str, notes: Seq
     return text
 
 
-def _judge(result: TournamentResult, path: Path, by: str, notes: Sequence[str]) -> int:
+def _judge(result: TournamentResult, path: Path, by: str, every: int, notes: Sequence[str]) -> int:
     folder = path if path.is_dir() else path.parent
-    print(write_comparison(result, folder, by, notes))
+    print(write_comparison(result, folder, by, every, notes))
     print(f"written to {folder / 'comparison.json'} and comparison.txt")
     return 0

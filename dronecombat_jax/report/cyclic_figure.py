@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dronecombat_jax.arena.cyclic import CyclicShare
-from dronecombat_jax.arena.result import Entrant, TournamentResult
+from dronecombat_jax.arena.result import Entrant, TournamentResult, by_training
 from dronecombat_jax.report.figures import ROLE_COLOURS
 from dronecombat_jax.report.sheet import games, name, nothing, sheet
 from dronecombat_jax.report.study import ALL, Study
@@ -66,10 +66,9 @@ def _percent(share: float) -> str:
 
 def _paths(ax: Axes, side: tuple[Entrant, ...], points: NDArray, role: str) -> None:
     """One path a seed, and the pilots."""
-    groups: dict[str, list[int]] = {}
-    for index, one in sorted(enumerate(side), key=lambda pair: pair[1].chunk):
-        groups.setdefault(one.lineage or f"pilot {index}", []).append(index)
-    for number, members in enumerate(groups.values()):
+    trained = [[index for index, _ in saved] for saved in by_training(side).values()]
+    pilots = [[index] for index, one in enumerate(side) if not one.lineage]
+    for number, members in enumerate([*trained, *pilots]):
         x, y = points[members].T
         colour, label = ROLE_COLOURS[role], role if number == 0 else None
         if side[members[0]].lineage:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dronecombat_jax.arena.bradley_terry import Ratings
 from dronecombat_jax.arena.design import BOUNDED
 from dronecombat_jax.arena.random_walk import Curve, timelines
-from dronecombat_jax.arena.result import TournamentResult
+from dronecombat_jax.arena.result import TournamentResult, showings
 
 
 def missing(result: TournamentResult, ratings: Ratings, smooth: Curve | None, whole: TournamentResult) -> list[str]:
@@ -47,9 +47,9 @@ def seeds_of(result: TournamentResult) -> dict[str, int]:
     """How many training seeds of each method fought."""
     lineages: dict[str, set[str]] = {}
     for side, played in zip((result.defenders, result.attackers), _played(result), strict=True):
-        for one, some in zip(side, played, strict=True):
+        for index, one in showings(side):
             if one.lineage:
-                lineages.setdefault(one.method, set()).update({one.lineage} if some else ())
+                lineages.setdefault(one.method, set()).update({one.lineage} if played[index] else ())
     return {method: len(members) for method, members in lineages.items()}
 
 
@@ -58,10 +58,10 @@ def _missing_seeds(result: TournamentResult) -> list[str]:
     listed: dict[str, set[str]] = {}
     fought: list[set[str]] = []
     for side, played in zip((result.defenders, result.attackers), _played(result), strict=True):
-        for one in side:
+        for _, one in showings(side):
             if one.lineage:
                 listed.setdefault(one.method, set()).add(one.lineage)
-        fought.append({one.lineage for one, some in zip(side, played, strict=True) if some and one.lineage})
+        fought.append({one.lineage for index, one in showings(side) if played[index] and one.lineage})
     there = fought[0] | fought[1]
     told = [
         f"{method}: only {len(seeds & there)} of {len(seeds)} training seeds fought; missing {_listed(sorted(seeds - there))}."

@@ -11,7 +11,7 @@ from matplotlib.ticker import EngFormatter
 from numpy.typing import NDArray
 
 from dronecombat_jax.arena.forgetting import RunMap, summarise_maps
-from dronecombat_jax.arena.result import Entrant, score_rate
+from dronecombat_jax.arena.result import Entrant, score_rate, showings
 from dronecombat_jax.report.figures import ROLE_COLOURS
 from dronecombat_jax.report.sheet import MISSING, counted, games, name, nothing, own_games, sheet
 from dronecombat_jax.report.study import Study
@@ -140,7 +140,7 @@ def _label(ax: Axes, defenders: Sequence[int], attackers: Sequence[int]) -> None
 def _steps(study: Study, maps: Sequence[RunMap], chunks: NDArray, role: int) -> list[int]:
     """Environment steps at the given chunks of the runs of `maps`."""
     side, runs = (study.result.defenders, study.result.attackers)[role], {one.run for one in maps}
-    known = {one.chunk: one.steps for one in side if one.lineage in runs}
+    known = {one.chunk: one.steps for _, one in showings(side) if one.lineage in runs}
     return [known[int(chunk)] for chunk in chunks]
 
 

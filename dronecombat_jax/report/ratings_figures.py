@@ -1,5 +1,7 @@
 """Figures of strength: Elo against training time (the paper's figures 4 and 5), order-free ratings beside Elo."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -7,6 +9,7 @@ from numpy.typing import NDArray
 
 from dronecombat_jax.arena.bradley_terry import PRIOR_SD
 from dronecombat_jax.arena.elo import K_FACTOR
+from dronecombat_jax.arena.result import Entrant, by_training
 from dronecombat_jax.report.figures import ROLE_COLOURS
 from dronecombat_jax.report.sheet import (
     GAUGE,
@@ -21,7 +24,7 @@ from dronecombat_jax.report.sheet import (
     time_axis,
     timelines_of,
 )
-from dronecombat_jax.report.study import ELO_EPISODES, Study
+from dronecombat_jax.report.study import ELO_EPISODES, Study, own_elo_by_side
 from dronecombat_jax.types import ROLES
 
 NO_TRAINING = "no trained entrant took part"
@@ -42,7 +45,7 @@ def elo_over_time(study: Study) -> Figure:
     )
     for ax, method in zip(axes[0], study.methods, strict=False):
         most = 0
-        for role, entrants, values in _sides(study, study.own_elo):
+        for role, entrants, values in own_elo_by_side(study):
             line = timelines_of(entrants, values, [method])[method]
             mean, spread, _ = mean_and_spread(line.values)
             most = max(most, int(np.isfinite(line.values).any(axis=1).sum()))
@@ -105,7 +108,8 @@ def finals(study: Study) -> Figure:
     )
     rated, elo = study.scale, study.elo_scale
     cut = len(study.result.defenders)
-    chosen = [[start + one for one in _last(study.entrants[start:end])] for start, end in ((0, cut), (cut, None))]
+    parts = ((0, study.entrants[:cut]), (cut, study.entrants[cut:]))
+    chosen = [{start + one: label for one, label in _last(side).items()} for start, side in parts]
     everyone = np.asarray([*chosen[0], *chosen[1]], int)
     limits = _limits(np.concatenate([values[everyone] for values in (*rated, *elo)]))
     size = (7.0, 1.6 + 0.3 * min(max(map(len, chosen)), MOST_ROWS))
@@ -123,7 +127,7 @@ def finals(study: Study) -> Figure:
             ax.plot(rated.rating[one], row + 0.12, "o", color=ROLE_COLOURS[role], markersize=5)
             ax.hlines(row - 0.2, elo.low[one], elo.high[one], color="#777777", linewidth=1.4)
             ax.plot(elo.rating[one], row - 0.2, "s", color="#777777", markerfacecolor="white", markersize=4)
-        ax.set_yticks(range(len(order)), [name(study.entrants[one].label, 36) for one in order], fontsize=8.5)
+        ax.set_yticks(range(len(order)), [name(members[one], 36) for one in order], fontsize=8.5)
         ax.set_ylim(-0.7, len(order) - 0.3)
         cut_off = f" (the best {MOST_ROWS} of {len(members)})" if len(members) > len(order) else ""
         ax.set_title(f"{role}s{cut_off}", fontsize=12)
@@ -138,12 +142,10 @@ def _sides(study: Study, values: NDArray) -> list[tuple]:
     return [(ROLES[0], study.result.defenders, values[:cut]), (ROLES[1], study.result.attackers, values[cut:])]
 
 
-def _last(entrants: tuple) -> list[int]:
-    """The indices of each seed's last entrant and of the pilots."""
-    last: dict[str, int] = {}
-    for index, one in sorted(enumerate(entrants), key=lambda pair: pair[1].chunk):
-        last[one.lineage or f"pilot {index}"] = index
-    return sorted(last.values())
+def _last(entrants: Sequence[Entrant]) -> dict[int, str]:
+    """The indices of each seed's last entrant and of the pilots, with their names."""
+    trained = {saved[-1][0]: saved[-1][1].label for saved in by_training(entrants).values()}
+    return trained | {index: one.label for index, one in enumerate(entrants) if not one.lineage}
 
 
 def _band(ax: Axes, steps: NDArray, rating: NDArray, low: NDArray, high: NDArray, role: str) -> None:

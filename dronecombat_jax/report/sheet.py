@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from dronecombat_jax.arena.result import Entrant, TournamentResult
+from dronecombat_jax.arena.result import Entrant, TournamentResult, by_training, showings
 from dronecombat_jax.report.gaps import seeds_of
 from dronecombat_jax.schema import one_line
 
@@ -54,12 +54,20 @@ def games(result: TournamentResult) -> str:
 def own_games(result: TournamentResult, most: int | None = None) -> str:
     """The same for a figure of each run by itself, of at most so many fights a cell."""
     episodes = min(most or result.cause.shape[2], result.cause.shape[2])
-    lineages = [np.asarray([one.lineage for one in side]) for side in (result.defenders, result.attackers)]
-    own = (lineages[0][:, None] == lineages[1][None, :]) & (lineages[0] != "")[:, None]
+    own = own_cells(result)
     absent = int(np.sum(own & ~result.played))
     gaps = f", {absent} cells not played" if absent else ""
     cells = int(np.sum(own & result.played))
     return f"{cells * episodes:,} fights ({cells:,} cells of all runs x {episodes}{gaps}). {_seeds(result)}"
+
+
+def own_cells(result: TournamentResult) -> NDArray[np.bool_]:
+    """The cells [D, A] between players of one training."""
+    trainings = [by_training(side) for side in (result.defenders, result.attackers)]
+    own = np.zeros(result.played.shape, bool)
+    for lineage in trainings[0]:
+        own[np.ix_(*([index for index, _ in side.get(lineage, ())] for side in trainings))] = True
+    return own
 
 
 def _seeds(result: TournamentResult) -> str:
@@ -73,15 +81,21 @@ def name(text: str, most: int = 32) -> str:
     return (text if len(text) <= most else text[: most - 3] + "...").replace("$", r"\$")
 
 
-def timelines_of(entrants: Sequence[Entrant], values: NDArray, methods: Sequence[str]) -> dict[str, Timeline]:
-    """`values` [N] of one side's entrants, by method, seed and steps trained."""
+def timelines_of(
+    entrants: Sequence[Entrant], values: NDArray | Mapping[str, NDArray], methods: Sequence[str]
+) -> dict[str, Timeline]:
+    """`values` [N] of one side's entrants, or those by lineage, by method, seed and steps trained.
+
+    An entrant that was saved again and again has its value at each of these times.
+    """
     found: dict[str, Timeline] = {}
     for method in methods:
-        mine = [(one.lineage, one.steps, i) for i, one in enumerate(entrants) if one.lineage and one.method == method]
+        mine = [(one.lineage, one.steps, i) for i, one in showings(entrants) if one.lineage and one.method == method]
         lineages, steps = sorted({one[0] for one in mine}), sorted({one[1] for one in mine})
         table = np.full((len(lineages), len(steps)), np.nan)
         for lineage, step, index in mine:
-            table[lineages.index(lineage), steps.index(step)] = values[index]
+            own = values.get(lineage) if isinstance(values, Mapping) else values
+            table[lineages.index(lineage), steps.index(step)] = np.nan if own is None else own[index]
         found[method] = Timeline(tuple(lineages), np.asarray(steps, int), table)
     return found
 

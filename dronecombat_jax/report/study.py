@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dronecombat_jax.arena.alpha_rank import alpha_rank
 from dronecombat_jax.arena.behaviour import Endings, endings
-from dronecombat_jax.arena.bradley_terry import Ratings, bradley_terry
+from dronecombat_jax.arena.bradley_terry import Ratings, bradley_terry, davidson
 from dronecombat_jax.arena.cyclic import CyclicShare, cyclic_share
 from dronecombat_jax.arena.design import complete_part
 from dronecombat_jax.arena.elo import EloRatings, elo_ratings
@@ -22,14 +22,16 @@ from dronecombat_jax.arena.random_walk import Curve, random_walk_curve, timeline
 from dronecombat_jax.arena.result import (
     Entrant,
     TournamentResult,
+    by_training,
     first_episodes,
     score_rate,
     scores,
     select,
+    showings,
     win_rate,
 )
 from dronecombat_jax.report.gaps import missing
-from dronecombat_jax.types import ATTACKER, DEFENDER
+from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES
 
 ELO_EPISODES = 5  # a cell, as in the paper's ratings; its maps take all
 LARGEST_CURVE = 1000  # players: above, the smoothed curve would take minutes
@@ -67,11 +69,12 @@ class Study(NamedTuple):
 
     result: TournamentResult
     methods: tuple[str, ...]  # of trained entrants, in order of appearance
-    own_elo: NDArray[np.float64]  # [P] Elo within the own run's tournament; NaN where it played none
+    own_elo: dict[str, NDArray[np.float64]]  # by lineage: Elo [P] within the run's own tournament; NaN for all others
     elo: EloRatings
     elo_scale: Scale  # one standard deviation over orders
     ratings: Ratings  # Bradley-Terry
     scale: Scale  # its 95 % intervals
+    davidson: Ratings  # draws as outcomes of their own
     smooth: Curve | None
     smooth_scale: Scale | None
     win_maps: dict[str, tuple[RunMap, ...]]  # by method: the share of fights that the defender wins
@@ -96,7 +99,7 @@ def study(result: TournamentResult, effort: Effort | None = None) -> Study:
     effort = effort or Effort()
     table, rated = scores(result), first_episodes(result, min(ELO_EPISODES, result.cause.shape[2]))
     entrants = (*result.defenders, *result.attackers)
-    methods = tuple(dict.fromkeys(one.method for one in entrants if one.lineage))
+    methods = tuple(dict.fromkeys(one.method for _, one in showings(entrants) if one.lineage))
     counts = (table.wins, table.losses, table.draws)
     ratings = bradley_terry(*counts)
     smooth = random_walk_curve(*counts, timelines(result)) if len(entrants) <= LARGEST_CURVE else None
@@ -104,9 +107,9 @@ def study(result: TournamentResult, effort: Effort | None = None) -> Study:
     points = np.concatenate([elo.defender, elo.attacker])
     spread = np.concatenate([elo.defender_spread, elo.attacker_spread])
     maps = run_maps(result, win_rate(result))
-    parts = {ALL: complete_part(result)}
+    parts = {ALL: _by_identity(complete_part(result))}
     if len(methods) > 1:
-        parts |= {method: complete_part(_of_method(result, method)) for method in methods}
+        parts |= {method: _by_identity(complete_part(_of_method(result, method))) for method in methods}
     whole = parts[ALL]
     rate = score_rate(whole)
     small = whole.played.size * sum(whole.played.shape) <= LARGEST_ALPHA_RANK
@@ -121,6 +124,7 @@ def study(result: TournamentResult, effort: Effort | None = None) -> Study:
         elo_scale=_scale(ratings, points, points - spread, points + spread),
         ratings=ratings,
         scale=_scale(ratings, ratings.rating, ratings.low, ratings.high),
+        davidson=davidson(*counts),
         smooth=smooth,
         smooth_scale=smooth and _scale(ratings, smooth.ratings.rating, smooth.ratings.low, smooth.ratings.high),
         win_maps={method: tuple(one for one in maps if one.method == method) for method in methods},
@@ -136,18 +140,27 @@ def study(result: TournamentResult, effort: Effort | None = None) -> Study:
     )
 
 
-def own_elo(result: TournamentResult, orders: int) -> NDArray[np.float64]:
-    """Elo [P] of every entrant in the tournament of its own run alone, as in the paper; NaN for pilots."""
-    num_defenders = len(result.defenders)
-    rating = np.full(num_defenders + len(result.attackers), np.nan)
-    for lineage in dict.fromkeys(one.lineage for one in result.defenders if one.lineage):
-        rows, columns = ([i for i, one in enumerate(s) if one.lineage == lineage] for s in _sides(result))
-        part = select(result, np.asarray(rows, int), np.asarray(columns, int))
+def own_elo(result: TournamentResult, orders: int) -> dict[str, NDArray[np.float64]]:
+    """Elo [P] in every run's own tournament, by lineage, as in the paper; NaN for whoever takes no part in it."""
+    num_defenders, total = len(result.defenders), sum(result.played.shape)
+    trainings = [by_training(side) for side in _sides(result)]
+    ratings = {}
+    for lineage in trainings[DEFENDER]:
+        rows, columns = (np.unique([i for i, _ in side.get(lineage, ())]).astype(int) for side in trainings)
+        part = select(result, rows, columns)
         if part.played.any():
             elo = elo_ratings(part, orders)
-            rating[rows] = np.where(elo.defender_games > 0, elo.defender, np.nan)
-            rating[num_defenders + np.asarray(columns)] = np.where(elo.attacker_games > 0, elo.attacker, np.nan)
-    return rating
+            ratings[lineage] = np.full(total, np.nan)
+            ratings[lineage][rows] = np.where(elo.defender_games > 0, elo.defender, np.nan)
+            ratings[lineage][num_defenders + columns] = np.where(elo.attacker_games > 0, elo.attacker, np.nan)
+    return ratings
+
+
+def own_elo_by_side(study: Study) -> list[tuple[str, tuple[Entrant, ...], dict[str, NDArray[np.float64]]]]:
+    """Role, entrants and their Elo by lineage, each [D] or [A]."""
+    cut = len(study.result.defenders)
+    parts = zip(ROLES, _sides(study.result), (slice(cut), slice(cut, None)), strict=True)
+    return [(role, side, {run: elo[part] for run, elo in study.own_elo.items()}) for role, side, part in parts]
 
 
 def _scale(ratings: Ratings, *numbers: NDArray) -> Scale:
@@ -156,16 +169,20 @@ def _scale(ratings: Ratings, *numbers: NDArray) -> Scale:
 
 def memories(result: TournamentResult) -> dict[str, Memory]:
     """By lineage, for every run that has both roles in the tournament."""
-    finals = {one.lineage: i for i, one in sorted(enumerate(result.defenders), key=lambda pair: pair[1].chunk)}
     memories = {}
     for one in run_maps(result):
         there = ~np.isnan(one.score)
         kept = np.flatnonzero(there.any(axis=0) | there.any(axis=1))
         if len(kept):
             score = one.score[np.ix_(kept, kept)]
-            away = home_and_away(result, finals[one.run])
+            away = home_and_away(result, one.run)
             memories[one.run] = Memory(forgetting(score), forgetting(1.0 - score.T), *away)
     return memories
+
+
+def _by_identity(part: TournamentResult) -> TournamentResult:
+    """In an order that does not depend on how the entrants were listed, and so neither does what is drawn for them."""
+    return select(part, *(np.argsort([one.identity for one in side], kind="stable") for side in _sides(part)))
 
 
 def _cyclic(part: TournamentResult, effort: Effort) -> CyclicShare | None:
@@ -178,7 +195,7 @@ def _of_method(result: TournamentResult, method: str) -> TournamentResult:
 
 
 def _members(entrants: Sequence[Entrant], method: str) -> NDArray[np.integer]:
-    return np.asarray([i for i, one in enumerate(entrants) if one.lineage and one.method == method], int)
+    return np.unique([i for i, one in showings(entrants) if one.lineage and one.method == method]).astype(int)
 
 
 def _sides(result: TournamentResult) -> tuple[tuple[Entrant, ...], tuple[Entrant, ...]]:

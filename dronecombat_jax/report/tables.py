@@ -9,9 +9,10 @@ import numpy as np
 from dronecombat_jax.arena.design import BOUNDED, OPEN_ABOVE, OPEN_BELOW
 from dronecombat_jax.arena.forgetting import summarise_maps
 from dronecombat_jax.arena.result import score_rate, scores
+from dronecombat_jax.report.map_tests import map_tests
 from dronecombat_jax.report.plain import Table, plain_value, to_csv
 from dronecombat_jax.report.sheet import mean_and_spread, timelines_of
-from dronecombat_jax.report.study import Study
+from dronecombat_jax.report.study import Study, own_elo_by_side
 from dronecombat_jax.types import ROLES, Cause
 
 GAUGE = "Elo points; the mean over all entrants of both roles is 1500"
@@ -24,6 +25,7 @@ def tables(study: Study) -> tuple[Table, ...]:
         ratings(study),
         elo_over_time(study),
         maps(study),
+        cell_tests(study),
         memory(study),
         cyclic(study),
         populations(study),
@@ -42,22 +44,29 @@ def ratings(study: Study) -> Table:
     elo, scale = study.elo_scale, study.scale
     smooth = np.full(len(games), np.nan) if study.smooth_scale is None else study.smooth_scale.rating
     nash, rank = _in_part(study)
+    own, nothing = study.own_elo, np.full(len(games), np.nan)
     rows = [
         (
             ROLES[i >= cut], one.label, one.method, one.run, one.seed, one.chunk, one.steps, one.identity,
             wins[i], draws[i], losses[i], (wins[i] + draws[i] / 2) / games[i] if games[i] >= 1 else np.nan,
             scale.rating[i], rated.error[i], scale.low[i], scale.high[i],
             BOUNDS.get(int(rated.design.bound[i]), "open both ways"), rated.design.component[i],
-            elo.rating[i], elo.high[i] - elo.rating[i], study.own_elo[i], smooth[i], nash[i], rank[i],
+            study.davidson.rating[i] if games[i] >= 1 else np.nan, study.davidson.error[i],
+            elo.rating[i], elo.high[i] - elo.rating[i], own.get(one.lineage, nothing)[i], smooth[i], nash[i], rank[i],
+            "; ".join(name.label for name in one.also),
         )
         for i, one in enumerate(study.entrants)
     ]  # fmt: skip
     columns = (
         "role label method run seed chunk steps identity wins draws losses mean_score bradley_terry standard_error "
-        "low_95 high_95 interval component elo elo_spread_over_orders elo_in_own_run smoothed nash_average alpha_rank"
+        "low_95 high_95 interval component davidson davidson_error elo elo_spread_over_orders elo_in_own_run smoothed "
+        "nash_average alpha_rank also_saved_as"
     )
     about = (
-        f"{GAUGE}; elo_in_own_run: the same within each run. Component: ratings of two components cannot be compared."
+        f"{GAUGE}; elo_in_own_run: the same within each run. Component: ratings of two components cannot be compared. "
+        f"Bradley-Terry counts a draw as half a win; its errors take fights as independent and strengths as additive "
+        f"(Pearson dispersion {rated.dispersion:.2f}, 1 if so). Davidson's model has draws of their own (nu "
+        f"{study.davidson.draw:.3g}). also_saved_as: the same policy at other times, which flew once."
     )
     return _table("ratings", about, columns.split(), rows)
 
@@ -65,11 +74,7 @@ def ratings(study: Study) -> Table:
 def elo_over_time(study: Study) -> Table:
     """The numbers of the paper's figures 4 and 5."""
     rows = []
-    cut = len(study.result.defenders)
-    for role, side, values in (
-        (ROLES[0], study.result.defenders, study.own_elo[:cut]),
-        (ROLES[1], study.result.attackers, study.own_elo[cut:]),
-    ):
+    for role, side, values in own_elo_by_side(study):
         for method, line in timelines_of(side, values, study.methods).items():
             told = zip(line.steps, *mean_and_spread(line.values), strict=True)
             rows += [(method, role, *row) for row in told]
@@ -87,6 +92,21 @@ def maps(study: Study) -> Table:
                 rows.append((method, chunks[i], chunks[j], told.mean[i, j], told.variance[i, j], told.runs[i, j]))
     columns = ["method", "defender_chunk", "attacker_chunk", "win_rate", "variance_over_seeds", "seeds"]
     return _table("win_rates", "Share of fights won by the defender, against attackers of its own run.", columns, rows)
+
+
+def cell_tests(study: Study) -> Table:
+    """Where the maps of two methods differ."""
+    rows = [
+        (one.first, one.second, one.defenders[i], one.attackers[j], one.difference[i, j], one.adjusted_p[i, j])
+        for one in map_tests(study.win_maps)
+        for i, j in np.ndindex(one.difference.shape)
+    ]
+    about = (
+        "Win rate of the first method minus that of the second, ten defenders, and the p-value adjusted for all cells of "
+        "the map at once (max-T permutation of the training seeds)."
+    )
+    columns = ["first", "second", "defender_chunk", "attacker_chunk", "difference", "adjusted_p"]
+    return _table("win_rate_tests", about, columns, rows)
 
 
 def memory(study: Study) -> Table:

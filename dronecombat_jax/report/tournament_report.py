@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from dronecombat_jax.arena.result import TournamentResult
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
+from dronecombat_jax.report import map_tests
 from dronecombat_jax.report.cyclic_figure import cyclic_discs
 from dronecombat_jax.report.figures import save_figure
 from dronecombat_jax.report.gaps import seeds_of
@@ -104,7 +105,8 @@ def _verdict(result: TournamentResult, told: Study, out: Path) -> tuple[tuple[li
     except UserError as error:
         return ([], ""), [f"No comparison of methods: {error.message}."]
     write_atomic(out / "tables" / "comparison.json", to_json(verdict_json(verdict)))
-    return ([one.sentence for one in verdict.answers], verdict_text(verdict)), []
+    cells = [map_tests.told(one) for one in map_tests.map_tests(told.win_maps)]
+    return ([one.sentence for one in verdict.answers], "\n\n".join([verdict_text(verdict), *cells])), []
 
 
 def _summary(result: TournamentResult) -> list[str]:

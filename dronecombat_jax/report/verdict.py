@@ -1,15 +1,14 @@
 """Does one method's final defender beat another's: the answer in one sentence that cannot be misread."""
 
 from collections.abc import Sequence
-from math import comb
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dronecombat_jax.arena.compare import LEVEL, MARGIN, Comparison, compare_methods
-from dronecombat_jax.arena.panel import Panel, away_panel
-from dronecombat_jax.arena.permutation import holm, permutation_test, spread_test
+from dronecombat_jax.arena.panel import EVERY, Panel, away_panel
+from dronecombat_jax.arena.permutation import holm, permutation_test, smallest_p, spread_test
 from dronecombat_jax.arena.result import TournamentResult
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.report.study import Memory, memories
@@ -39,12 +38,16 @@ class Verdict(NamedTuple):
 
     answers: tuple[Answer, ...]
     panel: Panel
+    every: int  # chunks between a run's attackers on the panel
     fights: int  # of the whole tournament
 
 
-def judge(result: TournamentResult, methods: Sequence[str] | None = None) -> Verdict:
-    """Compare all pairs of `methods` (default: all). UserError where there are not two with a final defender."""
-    panel = away_panel(result)
+def judge(result: TournamentResult, methods: Sequence[str] | None = None, every: int = EVERY) -> Verdict:
+    """Compare all pairs of `methods` (default: all). UserError where there are not two with a final defender.
+
+    `every`: which attackers of a run sit on the panel beside its final one.
+    """
+    panel = away_panel(result, every)
     known = sorted(set(panel.methods))
     chosen = known if methods is None else list(methods)
     if absent := sorted(set(chosen) - set(known)):
@@ -56,13 +59,13 @@ def judge(result: TournamentResult, methods: Sequence[str] | None = None) -> Ver
         raise UserError("no attacker met the final defenders of all runs but its own: nothing to compare", EXIT_DATA)
     remembered = memories(result)
     answers = []
-    told = compare_methods(result, chosen)
+    told = compare_methods(result, chosen, every=every)
     for one in told:
         scores = [panel.score[np.asarray(panel.methods) == method] for method in (one.first, one.second)]
         means = (float(scores[0].mean()), float(scores[1].mean()))
         more = secondary(panel, remembered, one.first, one.second)
         answers.append(Answer(one, means, sentence(one, means, len(told)), more))
-    return Verdict(tuple(answers), panel, int(result.played.sum()) * result.cause.shape[2])
+    return Verdict(tuple(answers), panel, every, int(result.played.sum()) * result.cause.shape[2])
 
 
 def sentence(one: Comparison, means: tuple[float, float], pairs: int = 1) -> str:
@@ -82,13 +85,16 @@ def sentence(one: Comparison, means: tuple[float, float], pairs: int = 1) -> str
         if not one.new_attackers[0] * one.new_attackers[1] > 0:
             text += " That is against these attackers; with newly trained ones the difference may vanish."
         return text
-    if one.equivalence_p < LEVEL:
+    if one.adjusted_equivalence_p < LEVEL:
         return (
             f"NO DIFFERENCE OF {MARGIN:g} ELO: the final defenders of {one.first} and {one.second} are equivalent within that "
-            f"margin (two one-sided tests, p = {one.equivalence_p:.2g}; {test} for a difference, {seeds})."
+            f"margin (two one-sided tests, p = {one.adjusted_equivalence_p:.2g}{' after Holm' * (pairs > 1)}; {test} for a "
+            f"difference, {seeds})."
         )
     margin = (
-        "could not be tested" if np.isnan(one.equivalence_p) else f"is not shown either (p = {one.equivalence_p:.2g})"
+        "could not be tested"
+        if np.isnan(one.adjusted_equivalence_p)
+        else f"is not shown either (p = {one.adjusted_equivalence_p:.2g})"
     )
     text = (
         f"UNDECIDED: no difference between the final defenders of {one.first} and {one.second} is shown ({test}, {seeds}), "
@@ -99,11 +105,6 @@ def sentence(one: Comparison, means: tuple[float, float], pairs: int = 1) -> str
             f" With {seeds} no result could have been significant: the smallest possible p is {min(least, 1.0):.2g}."
         )
     return text
-
-
-def smallest_p(first: int, second: int) -> float:
-    """The least p-value of the two-sided permutation test with so many seeds; 0.029 with 4 v 4."""
-    return (1 + (first == second)) / comb(first + second, first)
 
 
 def secondary(panel: Panel, remembered: dict[str, Memory], first: str, second: str) -> tuple[Secondary, ...]:

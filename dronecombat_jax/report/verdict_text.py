@@ -3,7 +3,8 @@
 from typing import Any
 
 from dronecombat_jax.arena.compare import LEVEL, MARGIN, Welch
-from dronecombat_jax.report.verdict import Answer, Verdict, smallest_p
+from dronecombat_jax.arena.permutation import smallest_p
+from dronecombat_jax.report.verdict import Answer, Verdict
 
 
 def verdict_text(verdict: Verdict) -> str:
@@ -11,11 +12,17 @@ def verdict_text(verdict: Verdict) -> str:
     blocks = [_block(answer) for answer in verdict.answers]
     panel = verdict.panel
     seats = f"{int(panel.weights.sum())} attackers of {len(panel.groups)} runs and pilots"
-    notes = [f"common panel: {seats}; never a run's own; {verdict.fights:,} fights in the tournament"]
+    notes = [
+        f"common panel: {seats}: of each run the final one and every {_nth(verdict.every)} chunk's, and the scripted "
+        f"pilots; never a run's own; {verdict.fights:,} fights in the tournament"
+    ]
     if len(set(panel.steps)) > 1:
         notes.append(f"unequal training: {min(panel.steps):,} to {max(panel.steps):,} steps; compared as they are")
     if panel.missing:
         notes.append(f"left out, too few of their fights were played: {', '.join(run for run, _ in panel.missing)}")
+    notes += [
+        f"{run} ends with the same defender as {first}: no second seed, not counted" for run, first in panel.copies
+    ]
     if panel.dropped:
         notes.append(f"{len(panel.dropped)} attackers left out of the panel, some defender did not meet them")
     return "\n\n".join([*blocks, "\n".join(notes)])
@@ -41,7 +48,9 @@ def verdict_json(verdict: Verdict) -> dict[str, Any]:
                 strict=True,
             )
         ],
+        "panel_every": verdict.every,
         "missing": [run for run, _ in panel.missing],
+        "copies": [{"run": run, "same_as": first} for run, first in panel.copies],
         "attackers_left_out": list(panel.dropped),
         "fights": verdict.fights,
     }  # fmt: skip
@@ -60,7 +69,8 @@ def _block(answer: Answer) -> str:
         f"  Elo                   {_interval(one.elo, '.0f')} of the score's logit",
         f"  permutation p         {one.p_value:.4g}, Holm {one.adjusted_p:.4g} ({'all' if one.exact else 'a sample of'} relabellings; "
         f"least possible {smallest_p(*one.seeds):.2g})",
-        f"  equivalence p         {_number(one.equivalence_p, '.4g')} (within {MARGIN:g} Elo)",
+        f"  equivalence p         {_number(one.equivalence_p, '.4g')}, Holm {_number(one.adjusted_equivalence_p, '.4g')} "
+        f"(within {MARGIN:g} Elo)",
         *(
             f"  secondary             {s.measure}: {s.difference:+.3f}, p {s.p_value:.3g}, Holm {s.adjusted_p:.3g}"
             for s in answer.secondary
@@ -81,6 +91,11 @@ def _ends(ends: tuple[float, float], digits: str = ".3f") -> str:
 
 def _number(value: float, digits: str) -> str:
     return f"{value:{digits}}" if value == value else "unknown"
+
+
+def _nth(number: int) -> str:
+    last = {1: "st", 2: "nd", 3: "rd"}.get(number % 10 if number % 100 not in (11, 12, 13) else 0, "th")
+    return f"{number}{last}"
 
 
 def _tree(value: Any) -> Any:

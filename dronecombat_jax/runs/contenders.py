@@ -50,16 +50,17 @@ class Found(NamedTuple):
     bad: tuple[str, ...] = ()  # one line for each checkpoint that cannot be used
 
 
-def find(word: str, every: int = 1) -> Found:
+def find(word: str, every: int = 1, untrained: bool = False) -> Found:
     """The players that `word` names: `scripted:NAME`, `scripted:all`, a policy file, or a run.
 
-    Of a run: both sides after every chunk, or every n-th and the last. Raises UserError where there is nothing.
+    Of a run: both sides after every chunk, or every n-th and the last, as in the paper; also as they began with
+    `untrained`. Raises UserError where there is nothing.
     """
     if word.startswith(SCRIPTED_PREFIX):
         return Found(_scripted(word.removeprefix(SCRIPTED_PREFIX)))
     if word.endswith(POLICY_SUFFIX) or Path(word).is_file():
         return _file(Path(word))
-    return _run(RunDirectory(find_run(word)), every)
+    return _run(RunDirectory(find_run(word)), every, untrained)
 
 
 def identity_of(policy: Policy, normalize: bool) -> str:
@@ -104,9 +105,9 @@ def _config_of(info: PolicyInfo) -> Config:
     return build(Config, {key: there[key].normal(value) for key, value in values.items()})
 
 
-def _run(run: RunDirectory, every: int) -> Found:
+def _run(run: RunDirectory, every: int, untrained: bool) -> Found:
     config = newest_start(run).config
-    steps = _chosen(run, config.train.chunk_iterations, every)
+    steps = _chosen(run, config.train.chunk_iterations, every, untrained)
     if not steps:
         message = f"{run.path}: no chunk of training is done yet"
         return Found([], config, (message,))
@@ -127,10 +128,10 @@ def _run(run: RunDirectory, every: int) -> Found:
     return Found(contenders, config, tuple(bad))
 
 
-def _chosen(run: RunDirectory, chunk_iterations: int, every: int) -> list[int]:
+def _chosen(run: RunDirectory, chunk_iterations: int, every: int, untrained: bool) -> list[int]:
     """The steps to read: chunk ends from the first to the last that was saved, also those that are gone since."""
     saved = [step // chunk_iterations for step in checkpoint.steps(run.checkpoints) if step % chunk_iterations == 0]
-    saved = [chunk for chunk in saved if chunk > 0]  # the untrained players are the same in every run of a seed
+    saved = [chunk for chunk in saved if chunk > 0 or untrained]
     if not saved:
         return []
     chunks = [chunk for chunk in range(saved[0], saved[-1] + 1) if chunk % every == 0 or chunk == saved[-1]]

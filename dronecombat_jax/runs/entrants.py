@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from dronecombat_jax import settings
 from dronecombat_jax.arena.players import Player
-from dronecombat_jax.arena.result import Entrant
+from dronecombat_jax.arena.result import Alias, Entrant
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
@@ -25,7 +25,7 @@ class Seat(NamedTuple):
 
     entrant: Entrant
     player: Player | None  # None: missing, its cells stay empty
-    also: tuple[str, ...]  # labels of others with the same content, which are not flown again
+    also: tuple[str, ...]  # labels of others with the same content, files among them, which are not flown again
 
 
 class Field(NamedTuple):
@@ -37,13 +37,20 @@ class Field(NamedTuple):
     bad: tuple[str, ...]  # what could not be read
 
 
-def read_field(words: Sequence[str], *, every: int = 1, skip_bad: bool = False, allow_mismatch: bool = False) -> Field:
+def read_field(
+    words: Sequence[str],
+    *,
+    every: int = 1,
+    untrained: bool = False,
+    skip_bad: bool = False,
+    allow_mismatch: bool = False,
+) -> Field:
     """Read and check everybody whom `words` name (`contenders.find`).
 
     Raises UserError: 2 for words that mean nothing and for a side without players; 3 that lists every checkpoint or
     file that cannot be used (unless `skip_bad`), or every player of another game (unless `allow_mismatch`).
     """
-    found, bad = _find_all(words, every)
+    found, bad = _find_all(words, every, untrained)
     if bad and not skip_bad:
         raise UserError("\n".join([*bad, "nothing was flown; --skip-bad flies the others"]), EXIT_DATA)
     contenders = [contender for one in found for contender in one.contenders]
@@ -56,20 +63,18 @@ def read_field(words: Sequence[str], *, every: int = 1, skip_bad: bool = False, 
     for role, side in enumerate(seats):
         if not any(seat.player for seat in side):
             raise UserError(f"no {ROLES[role]} takes part; name a run, a policy file or a scripted pilot", EXIT_CONFIG)
-        notices += [
-            f"{ROLES[role]} {seat.entrant.label} is also {_named(seat.also)}: flown once" for seat in side if seat.also
-        ]
+        notices += _saved_again(role, side)
     return Field(config, seats, tuple(notices), tuple(bad))
 
 
-def _find_all(words: Sequence[str], every: int) -> tuple[list[Found], list[str]]:
+def _find_all(words: Sequence[str], every: int, untrained: bool) -> tuple[list[Found], list[str]]:
     """Who was found, and one line for each thing that cannot be used."""
     found: list[Found] = []
     bad: list[str] = []
     meaningless: list[str] = []
     for word in dict.fromkeys(words):
         try:
-            found.append(find(word, every))
+            found.append(find(word, every, untrained))
         except UserError as error:
             (bad if error.exit_code == EXIT_DATA else meaningless).extend(error.message.splitlines())
     if meaningless:
@@ -102,19 +107,29 @@ def _refuse_two_of_a_name(contenders: list[Contender]) -> None:
             raise UserError(f"two different players are called {entrant.label}: rename one of the runs", EXIT_CONFIG)
 
 
+def _saved_again(role: int, side: list[Seat]) -> list[str]:
+    """What is to be said of players of the same content."""
+    told = [f"{ROLES[role]} {seat.entrant.label} is also {_named(seat.also)}" for seat in side if seat.also]
+    if len(told) > _MAX_NAMED:
+        return [f"{len(told)} {ROLES[role]}s were saved more than once (such as {told[0]}): flown once each"]
+    return [f"{one}: flown once" for one in told]
+
+
 def _seats(contenders: list[Contender], role: int) -> list[Seat]:
-    """The players of one side in the order named, each content once."""
-    seats: dict[str, Seat] = {}
-    for contender in contenders:
-        if contender.role != role:
-            continue
-        identity, label = contender.entrant.identity, contender.entrant.label
-        seat = seats.get(identity)
-        if seat is None:
-            seats[identity] = Seat(contender.entrant, contender.player, ())
-        elif label not in (seat.entrant.label, *seat.also):
-            seats[identity] = seat._replace(also=(*seat.also, label))
-    return list(seats.values())
+    """The players of one side in the order named, each content once, under the name of a run rather than of a file."""
+    named: dict[str, dict[str, Contender]] = {}
+    for one in contenders:
+        if one.role == role:
+            named.setdefault(one.entrant.identity, {}).setdefault(one.entrant.label, one)
+    return [_seat(list(same.values())) for same in named.values()]
+
+
+def _seat(same: list[Contender]) -> Seat:
+    """One place for contenders of the same content."""
+    first, *others = sorted(same, key=lambda one: one.entrant.method == EXPORTED)  # else in the order named
+    saved = [one.entrant for one in others if one.entrant.method != EXPORTED]
+    also = tuple(Alias(one.label, one.method, one.run, one.seed, one.chunk, one.steps) for one in saved)
+    return Seat(first.entrant._replace(also=also), first.player, tuple(one.entrant.label for one in others))
 
 
 def _named(texts: Sequence[str], separator: str = ", ") -> str:

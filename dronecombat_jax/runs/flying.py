@@ -29,9 +29,16 @@ SAVE_SECONDS = 15.0  # what a kill costs at most, beside the cells that are not 
 class Grid:
     """The outcomes of a tournament so far, [D, A, E], and where new ones are kept."""
 
-    def __init__(self, folder: Path, context: dict[str, Any], cause: NDArray[np.int8], steps: NDArray[np.int32]):
-        """`folder`, `context`: as in `cells`; `cause` NONE: not flown yet."""
-        self.cause, self.steps = cause, steps
+    def __init__(
+        self,
+        folder: Path,
+        context: dict[str, Any],
+        cause: NDArray[np.int8],
+        steps: NDArray[np.int32],
+        asked: NDArray[np.bool_],
+    ):
+        """`folder`, `context`: as in `cells`; `cause` NONE: not flown yet; `asked` [D, A]: the cells to be flown."""
+        self.cause, self.steps, self.asked = cause, steps, asked
         self._folder, self._context = folder, context
         self._pending: list[Pair] = []
 
@@ -52,12 +59,12 @@ class Grid:
 
 
 def fly(title: str, combat: Combat, sides: Sequence[Sequence[Player | None]], rules: Rules, grid: Grid) -> bool:
-    """Fly all cells that `grid` lacks between players who are there; False where a signal stopped it, all saved."""
+    """Fly all cells asked for that `grid` lacks, between players who are there; False where a signal stopped it, all saved."""
     there = [np.asarray([player is not None for player in side], bool) for side in sides]
-    wanted = np.outer(*there) & ~grid.flown
+    wanted = np.outer(*there) & grid.asked & ~grid.flown
     if not wanted.any():
         return True
-    total, done = int(wanted.sum()) * rules.episodes, int(grid.flown.sum()) * rules.episodes
+    total, done = (int(cells.sum()) * rules.episodes for cells in (wanted, grid.asked & grid.flown))
     with make_progress(title, done + total, done, unit="fights") as progress, _stopping(progress) as stop:
         try:
             _fly(combat, sides, rules, wanted, grid, progress, stop)
@@ -68,7 +75,7 @@ def fly(title: str, combat: Combat, sides: Sequence[Sequence[Player | None]], ru
             grid.save()
         complete = bool(np.all(grid.flown[wanted]))
         if not complete:
-            fights = int(grid.flown.sum()) * rules.episodes
+            fights = int((grid.asked & grid.flown).sum()) * rules.episodes
             progress.message(f"stopped after {fights:,} of {done + total:,} fights; the same command goes on")
     return complete
 

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from dronecombat_jax.arena.result import Entrant, TournamentResult, tournament_result
+from dronecombat_jax.arena.result import Alias, Entrant, TournamentResult, tournament_result
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.runs.atomic import write_atomic
 from dronecombat_jax.schema import one_line
 from dronecombat_jax.types import ROLES, Cause, Outcome
 
-FORMAT = 1
+FORMAT = 2  # 1: entrants have no `also`
 RESULT_NAME = "result.npz"
 ABOUT_NAME = "result.json"
 
@@ -31,7 +31,7 @@ def save_result(folder: Path, result: TournamentResult, about: dict[str, Any]) -
         **about,
         "control_dt": result.control_dt,
         "winner": {cause.name.lower(): Outcome(result.winner[cause]).name.lower() for cause in Cause if cause},
-        **{f"{role}s": [one._asdict() for one in side] for role, side in zip(ROLES, _sides(result), strict=True)},
+        **{f"{role}s": [_told(one) for one in side] for role, side in zip(ROLES, _sides(result), strict=True)},
     }
     text = json.dumps(told, indent=1, allow_nan=False) + "\n"
     buffer = io.BytesIO()
@@ -69,7 +69,7 @@ def _read(path: Path | str) -> tuple[TournamentResult, dict[str, Any]]:
             if about["format"] > FORMAT:
                 raise UserError(f"{name} has format {about['format']}: upgrade dronecombat-jax", EXIT_DATA)
             winner = [Outcome(int(one)) for one in stored["winner"]]
-            defenders, attackers = ([Entrant(**one) for one in about[f"{role}s"]] for role in ROLES)
+            defenders, attackers = ([_entrant(one) for one in about[f"{role}s"]] for role in ROLES)
             arrays = {part: stored[part] for part in ("cause", "steps", "played", "counts")}
             control_dt = float(stored["control_dt"])
     except FileNotFoundError:
@@ -84,6 +84,14 @@ def _read(path: Path | str) -> tuple[TournamentResult, dict[str, Any]]:
     if not np.array_equal(result.counts[..., : len(winner)], arrays["counts"][..., : len(winner)]):
         raise UserError(f"{name}: damaged: its counts are not those of its fights", EXIT_DATA)
     return result, about
+
+
+def _told(one: Entrant) -> dict[str, Any]:
+    return {**one._asdict(), "also": [name._asdict() for name in one.also]}
+
+
+def _entrant(told: dict[str, Any]) -> Entrant:
+    return Entrant(**{**told, "also": tuple(Alias(**name) for name in told.get("also", ()))})
 
 
 def _sides(result: TournamentResult) -> tuple[tuple[Entrant, ...], tuple[Entrant, ...]]:

@@ -7,16 +7,18 @@ Killed or stopped it goes on with the same command; with more checkpoints it fli
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
+from numpy.typing import NDArray
 
 from dronecombat_jax import backend
 from dronecombat_jax.arena.rectangle import Rules
-from dronecombat_jax.arena.result import TournamentResult, tournament_result
+from dronecombat_jax.arena.result import Entrant, TournamentResult, tournament_result
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import environment, environment_digest
 from dronecombat_jax.combat.rules import outcome_table
@@ -32,9 +34,9 @@ from dronecombat_jax.runs.provenance import package_version
 from dronecombat_jax.runs.result_file import save_result
 from dronecombat_jax.runs.rundir import run_path
 from dronecombat_jax.runs.standings import standings_text
-from dronecombat_jax.types import ROLES
 
 CELLS_NAME = "cells"
+Cells = Callable[[Sequence[Entrant], Sequence[Entrant]], NDArray[np.bool_]]  # of both sides: [D, A], which to fly
 
 
 def tournament(
@@ -43,32 +45,37 @@ def tournament(
     *,
     name: str = "",
     every: int = 1,
+    untrained: bool = False,
     skip_bad: bool = False,
     allow_mismatch: bool = False,
     root: str = "tournaments",
+    cells: Cells | None = None,
 ) -> int:
     """Fly, or go on with, the tournament of everybody whom `words` name; returns an exit code.
 
+    Of runs `every` n-th chunk and the last take part, and with `untrained` also whom they began with. `cells` chooses
+    the cells to be flown (default: all); what was flown before is part of the result in any case.
     0: complete; 5: complete but for players who could not be read (`skip_bad`); 75: stopped by a signal and saved.
     Raises UserError: 2 and 3 as `read_field`, 73 where the folder cannot be written.
     """
     path = run_path(root, name or default_name(words))
     print("reading and verifying everybody ...", flush=True)
-    field = read_field(words, every=every, skip_bad=skip_bad, allow_mismatch=allow_mismatch)
+    field = read_field(words, every=every, untrained=untrained, skip_bad=skip_bad, allow_mismatch=allow_mismatch)
     defenders, attackers = ([seat.entrant for seat in side] for side in field.seats)
     with _claim(path) as folder:
         context = context_of(field, rules)
         identities = [[entrant.identity for entrant in side] for side in (defenders, attackers)]
         cause, steps = read_cells(folder / CELLS_NAME, context, *identities, episodes=rules.episodes)
-        grid = Grid(folder / CELLS_NAME, context, cause, steps)
+        asked = np.ones(cause.shape[:2], bool) if cells is None else cells(defenders, attackers)
+        grid = Grid(folder / CELLS_NAME, context, cause, steps, asked)
         _greet(folder, field, rules, grid)
         players = [[seat.player for seat in side] for side in field.seats]
         if not fly(folder.name, Combat(field.config), players, rules, grid):
             return EXIT_STOPPED
         winner, control_dt = outcome_table(field.config.game), field.config.control_dt
         result = tournament_result(grid.cause, grid.steps, winner, defenders, attackers, control_dt)
-        save_result(folder, result, _about(field, context, result))
-        _conclude(folder, result)
+        save_result(folder, result, _about(field, context, result, grid.asked))
+        _conclude(folder, result, grid.asked)
     return EXIT_TOURNAMENT if field.bad else 0
 
 
@@ -109,34 +116,38 @@ def _greet(folder: Path, field: Field, rules: Rules, grid: Grid) -> None:
         print(printable(line))
     defenders, attackers, episodes = grid.cause.shape
     drawn = ", drawn actions" if rules.stochastic else ""
-    done = int(grid.flown.sum()) * episodes
+    cells = int(grid.asked.sum())
+    done = int((grid.flown & grid.asked).sum()) * episodes
     before = f"; {done:,} were flown before" if done else ""
-    fights = defenders * attackers * episodes
-    print(
-        f"tournament {folder}: {defenders} defenders x {attackers} attackers x {episodes} = {fights:,} fights{drawn}{before}",
-        flush=True,
-    )
+    shape = f"{defenders} defenders x {attackers} attackers"
+    part = f"{shape} x {episodes}" if grid.asked.all() else f"{shape}, {cells:,} of these pairs x {episodes}"
+    print(f"tournament {folder}: {part} = {cells * episodes:,} fights{drawn}{before}", flush=True)
 
 
-def _about(field: Field, context: dict[str, Any], result: TournamentResult) -> dict[str, Any]:
+def _about(field: Field, context: dict[str, Any], result: TournamentResult, asked: NDArray) -> dict[str, Any]:
     """What the result says beside its entrants; plain JSON."""
-    also = lambda side: {seat.entrant.label: list(seat.also) for seat in side if seat.also}
     return {
         "package": package_version(),
         "jax": jax.__version__,
         **context,
         "environment": environment(field.config),
         "fights": int(result.counts.sum()),
+        "pairs_asked": int(asked.sum()),
         "missing": list(field.bad),
-        "notices": list(field.notices),
-        "also": {f"{role}s": also(side) for role, side in zip(ROLES, field.seats, strict=True)},
+        "notices": [*field.notices, *_part(result, asked)],
     }
 
 
-def _conclude(folder: Path, result: TournamentResult) -> None:
+def _part(result: TournamentResult, asked: NDArray) -> list[str]:
+    """What is to be said where not all cells were to be flown."""
+    left = int((~result.played & ~asked).sum())
+    return [f"{left:,} of {asked.size:,} cells were left out on purpose: no comparison needs them"] if left else []
+
+
+def _conclude(folder: Path, result: TournamentResult, asked: NDArray) -> None:
     print(standings_text(result))
-    if absent := int((~result.played).sum()):
-        print(f"{absent:,} of {result.played.size:,} cells are missing: their players could not be read")
+    if absent := int((~result.played & asked).sum()):
+        print(f"{absent:,} of {asked.sum():,} cells are missing: their players could not be read")
     print(f"written to {folder}", flush=True)
 
 

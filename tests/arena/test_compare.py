@@ -7,7 +7,8 @@ from scipy.special import expit
 from tournaments import build, entrants, from_letters, from_rates
 
 from dronecombat_jax.arena.compare import compare_methods, elo_of_score, equivalence, pigeonhole_interval, welch
-from dronecombat_jax.arena.panel import Panel, additive_scores, away_panel
+from dronecombat_jax.arena.panel import Panel, additive_scores, away_panel, cells_needed
+from dronecombat_jax.arena.result import Alias
 from dronecombat_jax.types import Cause
 
 METHODS = ("ippo", "s-ippo")
@@ -48,6 +49,38 @@ def test_the_panel_is_the_final_and_every_tenth_attacker_of_the_others_and_the_p
     np.testing.assert_allclose(panel.table, [[1, NAN, 0.5], [0.5, 0.5, NAN]])
 
 
+def test_a_policy_saved_again_takes_the_seats_of_all_its_chunks_and_no_second_seed():
+    defenders, attackers = entrants("d", 2, 1), entrants("a", 2, 2)
+    again = lambda one, **change: Alias(*one[1:7])._replace(**change)
+    # The first run's attacker of chunk 9 was left alone in chunk 10, and its last is that of chunk 11.
+    attackers[0] = attackers[0]._replace(chunk=9, also=(again(attackers[0], chunk=10),))
+    attackers[1] = attackers[1]._replace(chunk=11)
+    # A third run, a copy of the second: the same defender and the same last attacker.
+    defenders[1] = defenders[1]._replace(also=(again(defenders[1], run="copy"),))
+    attackers[3] = attackers[3]._replace(also=(again(attackers[3], run="copy", chunk=2),))
+    cause = np.full((2, 4, 1), Cause.TIMEOUT, np.int8)
+    cause[0, 3] = cause[1, 0] = Cause.INTERCEPT
+    panel = away_panel(build(cause, defenders, attackers))
+    assert panel.runs == ("copy#1", "ippo#0") and panel.copies == (("ippo#1", "copy#1"),)
+    assert panel.weights.tolist() == [2, 1]  # chunks 9 = 10 and 11 of the first run, the last of the second
+    np.testing.assert_allclose(panel.score, [0.75, 1.0])
+    assert panel.fights.tolist() == [2, 1]
+
+
+def test_a_comparison_needs_no_other_cells_and_misses_none():
+    """Every number of it is the same without them."""
+    result = cross_play(0.5, seeds=3, episodes=20)
+    needed = cells_needed(result.defenders, result.attackers)
+    assert needed.sum() == 6 * 14 + 6 * 2 + 6 + 2  # finals; the others at home; the pilot against finals and pilots
+    cause = np.where(needed[..., None], result.cause, Cause.NONE)
+    part = build(cause, result.defenders, result.attackers)
+    assert compare_methods(part, every=1) == compare_methods(result, every=1)
+    for row in np.flatnonzero([one.chunk == 2 for one in result.defenders]):
+        lost = cause.copy()
+        lost[row] = Cause.NONE  # a final defender's cells are needed
+        assert compare_methods(build(lost, result.defenders, result.attackers)) != compare_methods(result)
+
+
 def test_missing_runs_are_named_and_a_missing_attacker_leaves_the_panel_common():
     defenders, attackers = entrants("d", 4, 1), entrants("a", 4, 1)
     rows = [["ww", "dd", "ll", "ww"], ["ww", "ww", "ll", "ww"], ["..", "..", "..", ".."], ["ww", "ww", "..", "ww"]]
@@ -76,6 +109,7 @@ def test_a_planted_difference_is_found_with_its_size():
     assert (told.first, told.second) == METHODS
     assert told.score.high < 0 and told.new_attackers[1] < 0
     assert told.p_value <= 0.01 and told.adjusted_p == told.p_value and told.exact
+    assert told.adjusted_equivalence_p == told.equivalence_p
     assert told.elo.low < -0.8 * 173.7 < told.elo.high
     assert told.effect < -1.5
     assert told.equivalence_p > 0.5

@@ -5,6 +5,7 @@ import pytest
 from tournaments import build, entrants, from_letters
 
 from dronecombat_jax.arena.forgetting import RunMap, forgetting, home_and_away, run_maps, summarise_maps
+from dronecombat_jax.arena.result import Alias
 from dronecombat_jax.types import Cause
 
 NAN = np.nan
@@ -62,8 +63,20 @@ def test_means_and_variances_are_of_the_runs_that_played():
     assert np.isnan(summarise_maps(cells[1:2]).mean[0, 0])
 
 
+def test_a_policy_that_a_chunk_left_alone_stands_at_every_chunk():
+    """Saved after chunks 1, 2 and 4, learnt in 3: the map has four rows, the first two the same."""
+    first, second = entrants("d", 1, 2)
+    again = Alias("ippo 0", "ippo", "ippo", 0, 2, 2000)
+    defenders = [first._replace(also=(again,)), second._replace(chunk=3, also=(again._replace(chunk=4),))]
+    result = from_letters([["w", "l"], ["d", "w"]])._replace(defenders=tuple(defenders))
+    (told,) = run_maps(result)
+    assert told.chunks.tolist() == [1, 2, 3, 4]
+    np.testing.assert_allclose(told.score[:, :2], [[1, 0], [1, 0], [0.5, 1], [0.5, 1]])
+    assert np.isnan(told.score[:, 2:]).all()  # the attackers have two chunks
+
+
 def test_home_and_away_by_hand():
     # Attackers: own run (w, l), another (d, d), a third (l, unplayed), a scripted pilot that counts for neither.
     attackers = [*entrants("a", 3, 2), *entrants("a", 0, 0, scripted=1)]
     result = from_letters([["w", "l", "d", "d", "l", ".", "w"]])._replace(attackers=tuple(attackers))
-    assert home_and_away(result, 0) == pytest.approx((0.5, 0.25))
+    assert home_and_away(result, "ippo#0") == pytest.approx((0.5, 0.25))

@@ -6,6 +6,7 @@ from tournaments import bradley_terry_rates, build, entrants
 
 from dronecombat_jax.arena.bradley_terry import POINTS, bradley_terry
 from dronecombat_jax.arena.random_walk import Timeline, random_walk_curve, timelines, walk_precision
+from dronecombat_jax.arena.result import Alias
 
 STEP = 0.06  # of the planted walks, log-odds
 TIME = np.arange(40.0)
@@ -62,6 +63,17 @@ def test_timelines_are_runs_in_order_of_training():
     chains = timelines(result)
     assert [chain.players.tolist() for chain in chains] == [[3, 2, 1], [6, 5, 4], [7, 8]]
     assert chains[0].time.tolist() == [1, 2, 3]
+
+
+def test_time_stands_still_while_a_policy_is_saved_unchanged_and_a_shared_one_has_one_timeline():
+    # The first stands at chunks 1, 2 and 3, the second is saved after 4, the third after 6: gaps of 1 and 2.
+    one, two, three = entrants("d", 1, 3)
+    alias = lambda chunk, run="ippo": Alias("", "ippo", run, 0, chunk, 0)
+    also = (alias(2), alias(3), alias(1, "copy"))
+    defenders = [one._replace(also=also), two._replace(chunk=4), three._replace(chunk=6)]
+    chains = timelines(build(np.ones((3, 1, 1), np.int8), defenders))
+    assert [chain.players.tolist() for chain in chains] == [[0, 1, 2], [3]]
+    assert np.diff(chains[0].time).tolist() == [1, 2]
 
 
 @pytest.mark.parametrize(

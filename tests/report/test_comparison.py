@@ -10,6 +10,7 @@ from scipy.special import expit
 from tournaments import entrants, from_rates
 
 from dronecombat_jax import settings
+from dronecombat_jax.arena.panel import cells_needed
 from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED, UserError
 from dronecombat_jax.report import comparison
@@ -55,7 +56,7 @@ def test_all_runs_and_the_pilots_meet_once_and_are_judged(played, capsys):
     assert comparison.compare(list(RUNS), Rules(episodes=100), name="joint") == 0
     ((words, rules, name, options),) = played
     assert words == [*(f"runs/{run}" for run in RUNS), "scripted:all"] and name == "joint"
-    assert rules.episodes == 100 and options["every"] == 10
+    assert rules.episodes == 100 and options["every"] == 10 and options["cells"] is cells_needed
     assert "YES: s-ippo's final defender beats ippo's." in capsys.readouterr().out
     told = json.loads(Path("tournaments/joint/comparison.json").read_text())
     assert told["by"] == "method" and told["comparisons"][0]["exact"] and told["notes"] == []

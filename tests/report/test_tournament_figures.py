@@ -7,7 +7,7 @@ from matplotlib.text import Text
 from planted import planted
 from tournaments import build, entrants, from_letters
 
-from dronecombat_jax.arena.result import SCRIPTED, Entrant, TournamentResult
+from dronecombat_jax.arena.result import SCRIPTED, Alias, Entrant, TournamentResult, select
 from dronecombat_jax.report.map_figures import shown_defenders, variance_map, win_rate_map
 from dronecombat_jax.report.sheet import MISSING, common, mean_and_spread, name, timelines_of
 from dronecombat_jax.report.study import Effort, study
@@ -109,9 +109,42 @@ def test_ten_defenders_are_shown_with_the_first_and_the_last():
 def test_own_elo_rates_each_run_by_itself(sound):
     """Conserved within a run: the mean over its entrants of both roles is the start."""
     lineages = np.asarray([one.lineage for one in sound.entrants])
-    for lineage in set(lineages) - {""}:
-        assert sound.own_elo[lineages == lineage].mean() == pytest.approx(1500)
-    assert np.isnan(sound.own_elo[lineages == ""]).all()
+    assert set(sound.own_elo) == set(lineages) - {""}
+    for lineage, elo in sound.own_elo.items():
+        assert elo[lineages == lineage].mean() == pytest.approx(1500)
+        assert np.isnan(elo[lineages != lineage]).all()
+
+
+def test_a_policy_saved_again_has_its_value_at_every_time():
+    side = [one._replace(steps=one.chunk * 10) for one in entrants("d", 2, 2)]
+    side[0] = side[0]._replace(
+        chunk=2, steps=20, also=(Alias("", "ippo", "ippo", 0, 1, 10), Alias("", "other", "copy", 5, 4, 40))
+    )
+    side[1] = side[1]._replace(chunk=3, steps=30)
+    lines = timelines_of(side, np.arange(4.0), ["ippo", "other"])
+    np.testing.assert_array_equal(lines["ippo"].values, [[0, 0, 1], [2, 3, np.nan]])
+    assert lines["ippo"].steps.tolist() == [10, 20, 30]
+    assert lines["other"].lineages == ("copy#5",) and lines["other"].values.tolist() == [[0]]
+    own = timelines_of(side, {"ippo#0": np.array([5.0, 6, 7, 8])}, ["ippo"])["ippo"]
+    np.testing.assert_array_equal(own.values, [[5, 5, 6], [np.nan] * 3])
+
+
+def test_a_report_does_not_depend_on_how_the_entrants_are_listed():
+    result = planted(2, 3, 4)
+    rng = np.random.default_rng(0)
+    order = [rng.permutation(size) for size in result.played.shape]
+    one, other = study(result, QUICK), study(select(result, *order), QUICK)
+    for method in one.cyclic:
+        assert one.cyclic[method].p_value == other.cyclic[method].p_value
+        assert one.cyclic[method].corrected == pytest.approx(other.cyclic[method].corrected, abs=1e-9)
+    places = [*order[0], *(len(order[0]) + order[1])]
+    np.testing.assert_allclose(other.scale.rating, one.scale.rating[places], atol=1e-8)
+    np.testing.assert_array_equal(other.elo_scale.rating, one.elo_scale.rating[places])
+    for lineage, elo in one.own_elo.items():
+        np.testing.assert_array_equal(other.own_elo[lineage], elo[places])
+    assert one.populations.keys() == other.populations.keys()
+    for method, value in one.populations.items():
+        assert value[:3] == pytest.approx(other.populations[method][:3], abs=1e-9)
 
 
 def test_time_lines_align_seeds_by_steps_and_leave_gaps():

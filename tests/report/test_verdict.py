@@ -8,11 +8,12 @@ from planted import planted
 from scipy.special import expit
 from tournaments import build, entrants, from_rates
 
+from dronecombat_jax.arena.permutation import smallest_p
 from dronecombat_jax.arena.result import select
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.report.comparison import regroup, write_comparison
 from dronecombat_jax.report.plain import to_json
-from dronecombat_jax.report.verdict import judge, smallest_p
+from dronecombat_jax.report.verdict import judge
 from dronecombat_jax.report.verdict_text import verdict_json, verdict_text
 from dronecombat_jax.types import Cause
 
@@ -94,7 +95,9 @@ def test_what_cannot_be_compared_is_refused_in_one_line():
 
 def test_runs_are_grouped_anew_and_the_answer_is_written(tmp_path):
     result = finals(1.0)
-    text = write_comparison(regroup(result, {"ippo": "without", "s-ippo": "with"}), tmp_path, "method", ["a note"])
+    text = write_comparison(
+        regroup(result, {"ippo": "without", "s-ippo": "with"}), tmp_path, "method", notes=["a note"]
+    )
     assert text.startswith("YES: with's final defender beats without's.") and text.endswith("note: a note")
     assert (tmp_path / "comparison.txt").read_text() == text + "\n"
     assert json.loads((tmp_path / "comparison.json").read_text())["by"] == "method"

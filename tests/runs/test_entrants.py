@@ -62,6 +62,12 @@ def test_a_run_stands_for_both_sides_after_every_chunk(home: Path):
     assert field.config == TOY and field.notices == field.bad == ()
 
 
+def test_the_untrained_take_part_when_asked_for(home: Path):
+    field = read_field([str(home / "ten")], every=5, untrained=True)
+    assert [seat.entrant.label for seat in field.seats[DEFENDER]] == ["ten 0", "ten 5", "ten 10"]
+    assert (field.seats[ATTACKER][0].entrant.chunk, field.seats[ATTACKER][0].entrant.steps) == (0, 0)
+
+
 def test_every_nth_chunk_and_the_last(home: Path):
     assert labels([home / "ten"], ATTACKER, every=4) == ["ten 4", "ten 8", "ten 10"]
     assert labels([home / "ten"], DEFENDER, every=99) == ["ten 10"]
@@ -93,8 +99,20 @@ def test_the_same_content_is_flown_once_with_a_notice(home: Path, tmp_path: Path
     shutil.copytree(home / "ten", tmp_path / "copy")
     field = read_field([str(home / "ten"), str(file), str(tmp_path / "copy"), str(home / "ten")])
     assert [len(side) for side in field.seats] == [10, 10]
-    assert field.seats[ATTACKER][1].also == ("best", "copy 2") and field.seats[DEFENDER][1].also == ("copy 2",)
-    assert "attacker ten 2 is also best, copy 2: flown once" in field.notices and len(field.notices) == 20
+    assert field.seats[ATTACKER][1].also == ("copy 2", "best") or field.seats[ATTACKER][1].also == ("best", "copy 2")
+    assert field.seats[DEFENDER][1].also == ("copy 2",)
+    assert (
+        "10 attackers were saved more than once (such as attacker ten 1 is also copy 1): flown once each"
+        in field.notices
+    )
+    assert len(field.notices) == 2
+    entrant = field.seats[ATTACKER][1].entrant  # the file is no further time of training
+    assert [(one.label, one.run, one.chunk, one.steps) for one in entrant.also] == [
+        ("copy 2", "copy", 2, entrant.steps)
+    ]
+    few = read_field([str(file), str(home / "ten")])
+    assert few.notices == ("attacker ten 2 is also best: flown once",)
+    assert few.seats[ATTACKER][0].entrant.label == "ten 2"  # a run's name comes before a file's
     alone = read_field([str(file), "scripted:hover"]).seats[ATTACKER][0].entrant
     assert (alone.label, alone.method, alone.run, alone.chunk) == ("best", EXPORTED, "ten", 2)
 

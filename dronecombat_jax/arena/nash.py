@@ -12,6 +12,7 @@ from scipy.optimize import linprog
 
 from dronecombat_jax.arena.result import TournamentResult, fight_scores
 
+NOTHING = 1e-30  # share of an entrant that is not in the mixture
 SLACK = 1e-5  # of score: how far from optimal a mixture may be to be the more mixed one
 
 
@@ -122,10 +123,10 @@ def _most_mixed(scores: NDArray, optimal: NDArray, value: float, slack: float) -
             solved = np.linalg.solve(hessian, np.column_stack([gradient, np.ones(size)]))
             step = solved[:, 1] * (solved[:, 0].sum() / solved[:, 1].sum()) - solved[:, 0]  # keeps the sum at 1
             # The longest step that stays strictly inside, then as short as the objective demands.
-            drift, falling = scores @ step, step < 0
+            drift, falling = scores @ step, (step < 0) & (y > 2 * NOTHING)  # who is at the floor holds nobody up
             reach = [*(room[drift > 0] / drift[drift > 0]), *(y[falling] / -step[falling])]
             length = min(1.0, 0.95 * min(reach, default=np.inf))
-            y = np.maximum(y + length * step, 1e-100)  # an entrant far from the support must not underflow
+            y = np.maximum(y + length * step, NOTHING)  # an entrant far from the support must not underflow
             if np.abs(step).max() < 1e-9:
                 break
     return y / y.sum()

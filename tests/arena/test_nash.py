@@ -3,10 +3,11 @@
 import nashpy
 import numpy as np
 import pytest
-from scipy.optimize import linprog
+from scipy.optimize import linprog, minimize
+from scipy.special import expit, logsumexp
 from tournaments import build, entrants, from_letters
 
-from dronecombat_jax.arena.nash import nash_average, population_values, solve
+from dronecombat_jax.arena.nash import SLACK, nash_average, population_values, solve
 from dronecombat_jax.types import Cause
 
 ROCK_PAPER_SCISSORS = np.array([[0.5, 0.0, 1.0], [1.0, 0.5, 0.0], [0.0, 1.0, 0.5]])
@@ -61,6 +62,25 @@ def test_the_average_is_the_most_mixed_equilibrium():
     vertex = linprog([0, 0, 0, 1], A_ub=[[1, 0, 0.5, -1], [0, 1, 0.5, -1]], b_ub=[0, 0], A_eq=[[1, 1, 1, 0]], b_eq=[1])
     assert average.game.value == pytest.approx(vertex.fun)
     assert average.game.gap < 3e-5
+
+
+def test_the_most_mixed_of_a_hundred_agrees_with_the_dual_problem():
+    """Of largest entropy with M y <= limit: y ~ exp(-M' price), the prices >= 0 minimise log sum exp(-M' price) + limit sum price."""
+    rng = np.random.default_rng(100)
+    angle = rng.uniform(0, 6, (2, 100))
+    x = rng.normal(0, 0.75, (100, 1)) - rng.normal(0, 0.75, 100) + np.cos(angle[0][:, None] - angle[1])
+    scores = rng.binomial(10, expit(x)) / 10
+    average = nash_average(scores)
+    limit = average.game.value + SLACK
+
+    def dual(price):
+        mass = -scores.T @ price
+        return logsumexp(mass) + limit * price.sum(), limit - scores @ np.exp(mass - logsumexp(mass))
+
+    exact = {"ftol": 1e-16, "gtol": 1e-10, "maxcor": 50, "maxiter": 10**5, "maxfun": 10**5}
+    found = minimize(dual, np.ones(100), jac=True, bounds=[(0, None)] * 100, method="L-BFGS-B", options=exact)
+    mass = -scores.T @ found.x
+    np.testing.assert_allclose(average.game.attacker_mix, np.exp(mass - logsumexp(mass)), atol=1e-6)
 
 
 def test_an_attacker_cloned_ten_times_changes_the_mean_score_and_not_the_game():

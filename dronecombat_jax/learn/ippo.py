@@ -11,6 +11,7 @@ from dronecombat_jax.learn import ppo
 from dronecombat_jax.learn.networks import (
     bounded_log_std,
     forward,
+    forward_columns,
     gaussian_entropy,
     gaussian_log_prob,
     init_parameters,
@@ -107,7 +108,8 @@ def estimate_values(
         value = forward(learner.parameters.value, scaled(learn, learner.observation_scaler, observation))[..., 0]
         return denormalize(learner.value_scaler, value) if learn.normalize_values else value
 
-    value = evaluate(rollout.observation[:, :, agent])
+    # Step by step: activations of N fights stay in the cache, those of T N do not (3 x faster on a CPU).
+    value = jax.lax.map(evaluate, rollout.observation[:, :, agent])
     final = rollout.final_observation[:, :, agent]
     following = jnp.concatenate([value[1:], evaluate(final[-1])[None]])
     if not learn.bootstrap_timeout:
@@ -197,20 +199,21 @@ def optimize(learn: LearnConfig, learner: Learner, batch: Batch, key: jax.Array)
 
 
 def cut(learn: LearnConfig, batch: Batch, key: jax.Array) -> Batch:
-    """Cut a flat batch [B, ...] into mini-batches [M, B / M, ...]: contiguous, or shuffled by `key`."""
+    """Cut a flat batch [B, ...] into mini-batches [M, ..., B / M], features first: contiguous, or shuffled by `key`."""
     size = batch.log_prob.shape[0]
     if learn.minibatch_order == "shuffled":
         order = jax.random.permutation(key, size)
         batch = jax.tree.map(lambda leaf: leaf[order], batch)
-    return jax.tree.map(lambda leaf: leaf.reshape(learn.minibatches, -1, *leaf.shape[1:]), batch)
+    pieces = lambda leaf: leaf.reshape(learn.minibatches, -1, *leaf.shape[1:])
+    return jax.tree.map(lambda leaf: jnp.moveaxis(pieces(leaf), 1, -1), batch)
 
 
 def loss(learn: LearnConfig, parameters: Parameters, batch: Batch) -> tuple[jax.Array, tuple]:
-    """The loss of eq. 18 on one mini-batch [B, ...] and what it is made of."""
-    mean = forward(parameters.policy, batch.observation)
+    """The loss of eq. 18 on one mini-batch [..., B], features first, and what it is made of."""
+    mean = forward_columns(parameters.policy, batch.observation)
     log_std = bounded_log_std(parameters, learn)
-    log_ratio = gaussian_log_prob(batch.action, mean, log_std) - batch.log_prob
-    value = forward(parameters.value, batch.observation)[..., 0]
+    log_ratio = gaussian_log_prob(batch.action.T, mean.T, log_std) - batch.log_prob
+    value = forward_columns(parameters.value, batch.observation)[0]
 
     policy_loss = ppo.policy_loss(log_ratio, batch.advantage, learn.clip_ratio)
     value_loss = ppo.value_loss(value, batch.value, batch.target, learn.clip_value, learn.value_loss)

@@ -30,9 +30,43 @@ def init_parameters(key: jax.Array, learn: LearnConfig) -> Parameters:
 
 def forward(mlp: MLP, x: jax.Array) -> jax.Array:
     """`x` [..., in] -> [..., out]; ELU between layers, none after the last."""
+    return jnp.moveaxis(forward_columns(mlp, jnp.moveaxis(x, -1, 0)), 0, -1)
+
+
+def forward_columns(mlp: MLP, x: jax.Array) -> jax.Array:
+    """`x` [in, ...] -> [out, ...]: the same, features first.
+
+    XLA's CPU products run at full rate in this layout in all three directions; batch first, the weights' gradient
+    takes twice as long (docs/tuning.md).
+    """
     for weight, bias in zip(mlp.weights[:-1], mlp.biases[:-1], strict=True):
-        x = jax.nn.elu(x @ weight + bias)
-    return x @ mlp.weights[-1] + mlp.biases[-1]
+        x = elu(_affine(weight, bias, x))
+    return _affine(mlp.weights[-1], mlp.biases[-1], x)
+
+
+@jax.custom_vjp
+def elu(x: jax.Array) -> jax.Array:
+    """x above 0, exp(x) - 1 below. Its slope is taken from its output: no second exponential on the way back.
+
+    exp(x) - 1 costs half of expm1 and is as exact next to weights of order 1 (absolute error 6e-8).
+    """
+    return jnp.where(x > 0.0, x, jnp.exp(x) - 1.0)
+
+
+def _elu_forward(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    y = elu(x)
+    return y, y
+
+
+def _elu_backward(y: jax.Array, cotangent: jax.Array) -> tuple[jax.Array]:
+    return (jnp.where(y > 0.0, cotangent, cotangent * (y + 1.0)),)
+
+
+elu.defvjp(_elu_forward, _elu_backward)
+
+
+def _affine(weight: jax.Array, bias: jax.Array, x: jax.Array) -> jax.Array:
+    return jnp.tensordot(weight, x, axes=(0, 0)) + bias.reshape(-1, *[1] * (x.ndim - 1))
 
 
 def gaussian_log_prob(action: jax.Array, mean: jax.Array, log_std: jax.Array) -> jax.Array:

@@ -11,6 +11,7 @@ from scipy import stats
 from dronecombat_jax.config import LearnConfig
 from dronecombat_jax.learn.networks import (
     bounded_log_std,
+    elu,
     forward,
     gaussian_entropy,
     gaussian_log_prob,
@@ -66,6 +67,18 @@ def test_forward_is_affine_elu_affine_elu_affine():
         if i < 2:
             y = np.where(y > 0, y, np.exp(np.minimum(y, 0)) - 1.0)
     np.testing.assert_allclose(forward(mlp, jnp.asarray(x, jnp.float32)), y, rtol=1e-5, atol=1e-5)
+
+
+def test_elu_and_its_slope():
+    x = np.array([-200.0, -20.0, -1.0, -1e-3, 0.0, 1e-3, 1.0, 200.0])
+    y, slope = jax.vmap(jax.value_and_grad(elu))(jnp.asarray(x, jnp.float32))
+    np.testing.assert_allclose(y, np.where(x > 0, x, np.expm1(np.minimum(x, 0))), rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(slope, np.exp(np.minimum(x, 0)), rtol=1e-6, atol=1e-7)
+
+
+def test_elu_hides_nothing_that_is_not_finite():
+    y, slope = jax.jit(jax.vmap(jax.value_and_grad(elu)))(jnp.asarray([np.nan, np.inf, -np.inf]))
+    assert np.isnan(y[0]) and np.isnan(slope[0]) and y[1:].tolist() == [np.inf, -1.0]
 
 
 def test_log_probability_and_entropy_are_those_of_scipy():

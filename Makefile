@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 ARGS ?=
+PEERS_VENV ?= .venv-peers
 RUNS ?= $(wildcard runs/ippo runs/sippo)
 
 BIN := $(VENV)/bin
@@ -9,7 +10,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo tournament report test test-slow check format bench clean
+.PHONY: help train-ippo train-sippo tournament report test test-slow check format bench bench-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -46,6 +47,9 @@ format: $(VENV)/.dev ## let ruff format and repair
 bench: $(VENV)/.runtime ## measure throughput on this machine
 	$(BIN)/python benchmarks/throughput.py $(ARGS)
 
+bench-peers: $(PEERS_VENV)/.peers ## measure other learners on the same game beside ours (in an environment of its own)
+	$(PEERS_VENV)/bin/python -m benchmarks.peers.compare $(ARGS)
+
 clean: ## remove the environment and every cache; runs/ stays
 	rm -rf $(VENV) .cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist
 	find dronecombat_jax tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -61,4 +65,9 @@ $(VENV)/.runtime: pyproject.toml constraints.txt
 
 $(VENV)/.dev: $(VENV)/.runtime
 	$(PIP) install -c constraints.txt -e '.[dev]'
+	@touch $@
+
+$(PEERS_VENV)/.peers: pyproject.toml constraints.txt benchmarks/peers/requirements.txt
+	$(PYTHON) -m venv --clear $(PEERS_VENV)
+	$(PEERS_VENV)/bin/python -m pip --disable-pip-version-check install -c constraints.txt -r benchmarks/peers/requirements.txt -e .
 	@touch $@

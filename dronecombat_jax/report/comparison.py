@@ -1,20 +1,20 @@
 """`dronecombat compare`: does one method's final defender beat another's, from one tournament of all runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from dronecombat_jax.arena.panel import EVERY, cells_needed
 from dronecombat_jax.arena.rectangle import Rules
-from dronecombat_jax.arena.result import TournamentResult, showings
-from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, EXIT_TOURNAMENT, UserError
+from dronecombat_jax.arena.result import TournamentResult
+from dronecombat_jax.errors import EXIT_CONFIG, EXIT_TOURNAMENT, UserError
 from dronecombat_jax.report.plain import to_json
 from dronecombat_jax.report.tournament_report import find_tournament
 from dronecombat_jax.report.verdict import judge
 from dronecombat_jax.report.verdict_text import verdict_json, verdict_text
 from dronecombat_jax.runs import tournament as tournaments
 from dronecombat_jax.runs.atomic import write_atomic
-from dronecombat_jax.runs.grouping import group, other_differences, read_configs
-from dronecombat_jax.runs.result_file import load_result
+from dronecombat_jax.runs.grouping import as_compared, group, other_differences, read_configs, regroup
+from dronecombat_jax.runs.result_file import load_about, load_result
 from dronecombat_jax.runs.rundir import find_run, run_path
 
 ANCHORS = "scripted:all"
@@ -36,12 +36,14 @@ def compare(
 
     Only the cells that the answer and its report rest on are flown (`panel.cells_needed`); `every`: which attackers
     of a run are on the panel beside its final one. Without `runs` the tournament `name` is judged as it lies there,
-    by the methods that it names. UserError 2 for a grouping that leaves nothing to compare, before anything is flown.
+    as it was compared before or by the methods that it names. UserError 2 for a grouping that leaves nothing to compare, before anything is flown.
     """
     if not runs:
         if not name or by != "method":
             raise UserError("which runs? dronecombat compare RUN RUN ..., or --tournament NAME alone", EXIT_CONFIG)
-        return _judge(load_result(path := find_tournament(name, root)), path, by, every, [])
+        path = find_tournament(name, root)
+        result, told = as_compared(load_result(path), load_about(path))
+        return _judge(result, path, told.by, told.every, [])
     paths = [find_run(word) for word in dict.fromkeys(runs)]
     configs = read_configs(paths)
     groups = group(configs, by)
@@ -50,7 +52,8 @@ def compare(
     name = name or f"compare-{tournaments.default_name(runs)}"[:100]
     words = [*map(str, paths), ANCHORS]
     options = {"name": name, "every": every, "skip_bad": skip_bad, "allow_mismatch": allow_mismatch, "root": root}
-    code = tournaments.tournament(words, rules, **options, cells=cells_needed)
+    told = {"by": by, "methods": groups, "panel_every": every}
+    code = tournaments.tournament(words, rules, **options, cells=cells_needed, told=told)
     if code not in (0, EXIT_TOURNAMENT):
         return code
     folder = run_path(root, name)
@@ -59,17 +62,6 @@ def compare(
     _judge(regroup(load_result(folder), groups), folder, by, every, notes)
     print(f"figures and tables of this tournament: dronecombat report {name}")
     return code
-
-
-def regroup(result: TournamentResult, groups: Mapping[str, str]) -> TournamentResult:
-    """The same tournament with each entrant's method named by `groups`, run by run; pilots stay what they are."""
-    kind = lambda run: groups.get(run) or groups.get(run.rpartition("/")[0])  # of several seeds each is "run/seed"
-    for _, one in showings([*result.defenders, *result.attackers]):
-        if one.run and not kind(one.run):
-            raise UserError(f"the tournament has a run that was not given: {one.run}", EXIT_DATA)
-    named = lambda one: one._replace(method=kind(one.run)) if one.run else one
-    rename = lambda side: tuple(named(one)._replace(also=tuple(map(named, one.also))) for one in side)
-    return result._replace(defenders=rename(result.defenders), attackers=rename(result.attackers))
 
 
 def write_comparison(

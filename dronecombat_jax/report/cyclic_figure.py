@@ -49,7 +49,8 @@ def _disc(ax: Axes, part: TournamentResult, share: CyclicShare, heading: str) ->
     ax.axhline(0.0, color="#999999", linewidth=0.6)
     ax.axvline(0.0, color="#999999", linewidth=0.6)
     held = "" if np.isnan(share.disc_share) else f"\nthese two dimensions hold {_percent(share.disc_share)} of it"
-    verdict = "" if share.p_value < 0.05 else ": no more than noise"
+    least = ", the least possible" if share.p_value <= 1 / (1 + share.draws) else ""
+    verdict = least if share.p_value < 0.05 else ": no more than noise"
     ax.set_title(
         f"{heading}\ncyclic share {_percent(share.corrected)} (raw {_percent(share.raw)}, noise "
         f"{_percent(share.null_mean)}), p {share.p_value:.2g}{verdict}{held}",

@@ -17,7 +17,7 @@ from dronecombat_jax.report.sheet import MISSING, counted, games, name, nothing,
 from dronecombat_jax.report.study import Study
 
 DEFENDERS_SHOWN = 10  # of the paper's figures 6 to 9
-MOST_TICKS = 10
+MOST_TICKS = 7
 MOST_NAMED = 20  # entrants: above, the pilots share one name on the axis of the whole map
 SCORE_COLOURS = LinearSegmentedColormap.from_list(
     "score", [ROLE_COLOURS["attacker"], "#F6F6F6", ROLE_COLOURS["defender"]]
@@ -128,7 +128,7 @@ def _image(ax: Axes, values: NDArray, colours: str | LinearSegmentedColormap, li
 
 
 def _label(ax: Axes, defenders: Sequence[int], attackers: Sequence[int]) -> None:
-    told = EngFormatter(sep=" ")
+    told = lambda steps: EngFormatter(sep=" ")(float(f"{steps:.3g}"))
     every = -(-len(attackers) // MOST_TICKS)
     places = np.arange(len(attackers))[::-1][::every][::-1]  # the last one is named
     ax.set_xticks(places, [told(attackers[one]) for one in places])

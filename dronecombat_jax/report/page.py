@@ -54,7 +54,7 @@ def page(
         parts += ["<h2>Which defender is better?</h2>", *(f'<p class="verdict">{_text(one)}</p>' for one in sentences)]
         parts.append(f"<details><summary>The numbers</summary><pre>{escape(numbers)}</pre></details>")
     if gaps:
-        parts += ["<h2>What is missing</h2>", *(f'<p class="gap">{_text(line)}</p>' for line in gaps)]
+        parts += ["<h2>What is missing, and what to know</h2>", *(f'<p class="gap">{_text(line)}</p>' for line in gaps)]
     parts += [_picture(one) for one in pictures]
     parts += ["<h2 id='tables'>Tables</h2>", *(_table(one) for one in tables)]
     body = "\n".join(parts)

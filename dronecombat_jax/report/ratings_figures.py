@@ -77,8 +77,9 @@ def ratings_over_time(study: Study) -> Figure:
         columns["smoothed Bradley-Terry, 95 % interval"] = study.smooth_scale
         walk = f"Smoothed: a random walk of {study.smooth.width:.0f} points a chunk along each seed's training. "
     foot = (
-        f"All entrants in one tournament. {GAUGE}, in all panels. One line a seed. Bradley-Terry counts a draw as half a "
-        f"win; prior: standard deviation {PRIOR_SD:g} points. Elo: K {K_FACTOR:g}, mean and standard deviation over "
+        f"All entrants in one tournament. {GAUGE}, in all panels. One line a seed; a band up to the frame has no end. "
+        f"Bradley-Terry counts a draw as half a win and takes fights as independent; prior: standard deviation "
+        f"{PRIOR_SD:g} points. Elo: K {K_FACTOR:g}, mean and standard deviation over "
         f"{study.elo.orders} orders of the first {min(ELO_EPISODES, study.result.cause.shape[2])} fights a cell, a "
         f"spread that more fights do not narrow. {walk}{games(study.result)}"
     )
@@ -95,7 +96,8 @@ def ratings_over_time(study: Study) -> Figure:
             ax.set_title(f"{name(method)}: {heading}", fontsize=10.5)
             time_axis(ax)
         row[0].set_ylabel("Elo points")
-    axes[0][0].set_ylim(*_limits(np.concatenate([*study.scale, *study.elo_scale])))
+    trained = np.asarray([bool(one.lineage) for one in study.entrants])
+    axes[0][0].set_ylim(*_limits(np.concatenate([values[trained] for values in (*study.scale, *study.elo_scale)])))
     _legend(axes[0][0]) if study.methods else [nothing(ax, NO_TRAINING) for ax in axes[0]]
     return figure
 

@@ -109,7 +109,8 @@ def _profile(ax: Axes, told: list[Forgetting], colour: str, label: str) -> None:
         row[reach - own : reach + own + 1] = one.profile
     mean, spread, _ = mean_and_spread(table)
     lag, there = np.arange(-reach, reach + 1), np.isfinite(mean)
-    ax.fill_between(lag, mean - spread, mean + spread, color=colour, alpha=0.18, linewidth=0)
+    ends = np.clip([mean - spread, mean + spread], 0.0, 1.0)  # no score lies beyond
+    ax.fill_between(lag, *ends, color=colour, alpha=0.18, linewidth=0)
     ax.plot(
         lag[there],
         mean[there],

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from dronecombat_jax.arena.panel import EVERY
 from dronecombat_jax.arena.result import TournamentResult
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.report import map_tests
@@ -21,6 +22,7 @@ from dronecombat_jax.report.tables import score_matrix, tables
 from dronecombat_jax.report.verdict import judge
 from dronecombat_jax.report.verdict_text import verdict_json, verdict_text
 from dronecombat_jax.runs.atomic import cannot_write, write_atomic
+from dronecombat_jax.runs.grouping import as_compared
 from dronecombat_jax.runs.result_file import load_about, load_result
 from dronecombat_jax.schema import one_line
 from dronecombat_jax.settings import suggestion
@@ -46,9 +48,11 @@ def report(word: str, out: Path | None = None) -> int:
     """Report on the tournament that `word` names, into its folder unless `out` says where; returns 0."""
     path = find_tournament(word)
     folder = path if path.is_dir() else path.parent
-    result, about = load_result(path), load_about(path)
+    about = load_about(path)
+    result, compared = as_compared(load_result(path), about)
     notes = [str(line) for key in ("missing", "notices") for line in about.get(key, ())]
-    files = write_report(result, out or folder / "report", f"Tournament {folder.resolve().name}", notes)
+    title = f"Tournament {folder.resolve().name}"
+    files = write_report(result, out or folder / "report", title, notes, every=compared.every)
     print(f"written to {files[0]} and {len(files) - 1} files beside it")
     return 0
 
@@ -65,11 +69,16 @@ def find_tournament(word: str, root: str = "tournaments") -> Path:
 
 
 def write_report(
-    result: TournamentResult, out: Path, title: str, notes: Sequence[str] = (), effort: Effort | None = None
+    result: TournamentResult,
+    out: Path,
+    title: str,
+    notes: Sequence[str] = (),
+    effort: Effort | None = None,
+    every: int = EVERY,
 ) -> list[Path]:
     """Write everything under `out` and return the files, the page first. UserError 73 where that cannot be.
 
-    `notes`: what the tournament itself says to be missing.
+    `notes`: what the tournament itself says to be missing; `every`: as in `panel.away_panel`.
     """
     told = study(result, effort)
     for folder in (out, out / "tables"):
@@ -90,18 +99,18 @@ def write_report(
             write_atomic(written[-1], text)
     written.append(out / "tables" / "scores.csv")
     write_atomic(written[-1], score_matrix(told))
-    verdict, gaps = _verdict(result, told, out)
+    verdict, gaps = _verdict(result, told, out, every)
     html = page(title, _summary(result), verdict, [*notes, *told.missing, *gaps], pictures, made)
     write_atomic(out / "report.html", html)
     return [out / "report.html", *written]
 
 
-def _verdict(result: TournamentResult, told: Study, out: Path) -> tuple[tuple[list[str], str], list[str]]:
+def _verdict(result: TournamentResult, told: Study, out: Path, every: int) -> tuple[tuple[list[str], str], list[str]]:
     """The comparison of methods in sentences and numbers, or what keeps it from being made."""
     if len(told.methods) < 2:
         return ([], ""), []
     try:
-        verdict = judge(result)
+        verdict = judge(result, every=every)
     except UserError as error:
         return ([], ""), [f"No comparison of methods: {error.message}."]
     write_atomic(out / "tables" / "comparison.json", to_json(verdict_json(verdict)))

@@ -2,8 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from dronecombat_jax import settings
+from dronecombat_jax.arena.panel import EVERY
+from dronecombat_jax.arena.result import TournamentResult, showings
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.runs.rundir import RunDirectory
@@ -44,6 +47,31 @@ def other_differences(configs: Mapping[str, Config], by: str) -> list[str]:
     asked = ["train.total_steps"] if by in ("preset", "run") else list(settings.SCHEMA)
     differ = lambda key: any(one[key] != values[0][key] for one in values)
     return [key for key in asked if not key.startswith(expected) and differ(key)]
+
+
+class Compared(NamedTuple):
+    """How a tournament's runs were, or are to be, compared."""
+
+    by: str = "method"
+    every: int = EVERY  # chunks between a run's attackers on the panel
+
+
+def as_compared(result: TournamentResult, about: Mapping[str, Any]) -> tuple[TournamentResult, Compared]:
+    """A tournament with the kinds and the panel of the `compare` that flew it, as its `about` has them."""
+    if "methods" not in about:
+        return result, Compared()
+    return regroup(result, about["methods"]), Compared(str(about["by"]), int(about["panel_every"]))
+
+
+def regroup(result: TournamentResult, groups: Mapping[str, str]) -> TournamentResult:
+    """The same tournament with each entrant's method named by `groups`, run by run; pilots stay what they are."""
+    kind = lambda run: groups.get(run) or groups.get(run.rpartition("/")[0])  # of several seeds each is "run/seed"
+    for _, one in showings([*result.defenders, *result.attackers]):
+        if one.run and not kind(one.run):
+            raise UserError(f"the tournament has a run that was not given: {one.run}", EXIT_DATA)
+    named = lambda one: one._replace(method=kind(one.run)) if one.run else one
+    rename = lambda side: tuple(named(one)._replace(also=tuple(map(named, one.also))) for one in side)
+    return result._replace(defenders=rename(result.defenders), attackers=rename(result.attackers))
 
 
 def _kind(run: str, config: Config, by: str) -> str:

@@ -35,7 +35,8 @@ def standings_text(result: TournamentResult, top: int = TOP) -> str:
 
 
 def _row(ratings: Ratings, entrant: Entrant, player: int, score: float) -> str:
-    bound = {OPEN_ABOVE: "  never beaten", OPEN_BELOW: "  never won"}.get(int(ratings.design.bound[player]), "")
+    bound = {OPEN_ABOVE: "  open above", OPEN_BELOW: "  open below"}.get(int(ratings.design.bound[player]), "")
+    bound = {1.0: "  never beaten", 0.0: "  never won"}.get(score, bound)
     interval = f"[{ratings.low[player]:.0f}, {ratings.high[player]:.0f}]"
     return (
         f"{entrant.label[:28]:<28} {ratings.rating[player]:6.0f} {ratings.error[player]:4.0f}  {interval:<16} "

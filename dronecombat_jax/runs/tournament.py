@@ -7,7 +7,7 @@ Killed or stopped it goes on with the same command; with more checkpoints it fli
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -50,11 +50,13 @@ def tournament(
     allow_mismatch: bool = False,
     root: str = "tournaments",
     cells: Cells | None = None,
+    told: Mapping[str, Any] | None = None,
 ) -> int:
     """Fly, or go on with, the tournament of everybody whom `words` name; returns an exit code.
 
     Of runs `every` n-th chunk and the last take part, and with `untrained` also whom they began with. `cells` chooses
-    the cells to be flown (default: all); what was flown before is part of the result in any case.
+    the cells to be flown (default: all); what was flown before is part of the result in any case. `told`: plain JSON
+    for `result.json`, too.
     0: complete; 5: complete but for players who could not be read (`skip_bad`); 75: stopped by a signal and saved.
     Raises UserError: 2 and 3 as `read_field`, 73 where the folder cannot be written.
     """
@@ -74,7 +76,7 @@ def tournament(
             return EXIT_STOPPED
         winner, control_dt = outcome_table(field.config.game), field.config.control_dt
         result = tournament_result(grid.cause, grid.steps, winner, defenders, attackers, control_dt)
-        save_result(folder, result, _about(field, context, result, grid.asked))
+        save_result(folder, result, {**_about(field, context, result, grid.asked), **(told or {})})
         _conclude(folder, result, grid.asked)
     return EXIT_TOURNAMENT if field.bad else 0
 

@@ -13,7 +13,7 @@ from dronecombat_jax import settings
 from dronecombat_jax.arena.panel import cells_needed
 from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED, UserError
-from dronecombat_jax.report import comparison
+from dronecombat_jax.report import comparison, tournament_report
 from dronecombat_jax.runs.result_file import save_result
 
 RUNS = {**{f"plain{i}": 0.0 for i in range(4)}, **{f"mixed{i}": 0.2 for i in range(4)}}
@@ -45,7 +45,7 @@ def played(monkeypatch, tmp_path):
         folder = Path(root, name)
         folder.mkdir(parents=True)
         result = from_rates(chance, rules.episodes, 0, defenders=sides[0], attackers=sides[1])
-        save_result(folder, result, {})
+        save_result(folder, result, dict(options["told"]))
         return 0
 
     monkeypatch.setattr(comparison.tournaments, "tournament", tournament)
@@ -57,6 +57,7 @@ def test_all_runs_and_the_pilots_meet_once_and_are_judged(played, capsys):
     ((words, rules, name, options),) = played
     assert words == [*(f"runs/{run}" for run in RUNS), "scripted:all"] and name == "joint"
     assert rules.episodes == 100 and options["every"] == 10 and options["cells"] is cells_needed
+    assert options["told"]["panel_every"] == 10 and options["told"]["methods"]["mixed2"] == "s-ippo"
     assert "YES: s-ippo's final defender beats ippo's." in capsys.readouterr().out
     told = json.loads(Path("tournaments/joint/comparison.json").read_text())
     assert told["by"] == "method" and told["comparisons"][0]["exact"] and told["notes"] == []
@@ -69,6 +70,21 @@ def test_few_fights_and_other_differences_are_noted(played):
     comparison.compare(list(RUNS), Rules(episodes=5), name="joint")
     notes = json.loads(Path("tournaments/joint/comparison.json").read_text())["notes"]
     assert "train.total_steps" in notes[0] and "only 35 fights" in notes[1]
+
+
+def test_a_report_and_a_second_look_compare_what_was_compared(played, monkeypatch, capsys):
+    comparison.compare(list(RUNS), Rules(episodes=100), by="selfplay.probability", name="joint", every=3)
+    first = Path("tournaments/joint/comparison.json").read_text()
+    assert comparison.compare([], Rules(), name="joint") == 0
+    second = json.loads(Path("tournaments/joint/comparison.json").read_text())
+    assert second == json.loads(first) | {"notes": second["notes"]} and second["panel_every"] == 3
+    seen = {}
+    monkeypatch.setattr(
+        tournament_report, "write_report", lambda result, *_, **how: seen.update(how, result=result) or [Path("x")]
+    )
+    assert tournament_report.report("joint") == 0
+    assert seen["every"] == 3
+    assert {one.method for one in seen["result"].defenders} == {f"selfplay.probability = {p}" for p in (0.0, 0.2)}
 
 
 def test_a_grouping_that_leaves_nothing_is_refused_before_a_fight(played):

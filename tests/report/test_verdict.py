@@ -9,12 +9,13 @@ from scipy.special import expit
 from tournaments import build, entrants, from_rates
 
 from dronecombat_jax.arena.permutation import smallest_p
-from dronecombat_jax.arena.result import select
+from dronecombat_jax.arena.result import Alias, select
 from dronecombat_jax.errors import EXIT_DATA, UserError
-from dronecombat_jax.report.comparison import regroup, write_comparison
+from dronecombat_jax.report.comparison import write_comparison
 from dronecombat_jax.report.plain import to_json
 from dronecombat_jax.report.verdict import judge
 from dronecombat_jax.report.verdict_text import verdict_json, verdict_text
+from dronecombat_jax.runs.grouping import as_compared, regroup
 from dronecombat_jax.types import Cause
 
 METHODS = ("ippo", "s-ippo")
@@ -103,3 +104,17 @@ def test_runs_are_grouped_anew_and_the_answer_is_written(tmp_path):
     assert json.loads((tmp_path / "comparison.json").read_text())["by"] == "method"
     with pytest.raises(UserError, match="not given: s-ippo"):
         regroup(result, {"ippo": "x"})
+    about = {"by": "run", "methods": {"ippo": "without", "s-ippo": "with"}, "panel_every": 3}
+    again, told = as_compared(result, about)
+    assert again.defenders == regroup(result, about["methods"]).defenders
+    assert told == ("run", 3) and as_compared(result, {}) == (result, ("method", 10))
+
+
+def test_a_policy_saved_in_two_runs_is_grouped_under_all_its_names():
+    result = finals(0.0)
+    first = result.defenders[0]
+    result = result._replace(
+        defenders=(first._replace(also=(Alias(*first[1:7])._replace(run="s-ippo"),)), *result.defenders[1:])
+    )
+    again = regroup(result, {"ippo": "x", "s-ippo": "y"}).defenders[0]
+    assert again.method == "x" and again.also[0].method == "y"

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from saved_runs import damage, write_run
+from tournaments import from_letters
 from toy import Coasting
 
 from dronecombat_jax.arena import tournament as arena_tournament
@@ -242,6 +243,15 @@ def test_the_table_states_its_gauge(alone: SimpleNamespace):
     assert "the mean over all players of both sides is 1500" in text and "only differences" in text
     rows = [line for line in text.splitlines() if line.startswith(("  five", "  hover", "  dash"))]
     assert len(rows) == 6 and text.count("... and 3 more") == 2
+
+
+def test_the_table_calls_only_those_unbeaten_who_are():
+    """Two groups: the first pair beats the second, and each beats the other at times."""
+    result = from_letters([["wl", "ww"], ["ll", "wl"]])
+    told = [line for line in standings_text(result).splitlines() if line.startswith("  ippo")]
+    assert [line.rpartition("  ")[2] for line in told] == ["open above", "open below", "open above", "open below"]
+    unbeaten = standings_text(from_letters([["ww", "ww"], ["wl", "wl"]]))
+    assert unbeaten.count("never beaten") == 1 and unbeaten.count("open above") == 0
 
 
 def halve(data: bytes) -> bytes:

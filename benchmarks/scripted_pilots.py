@@ -1,6 +1,6 @@
 """How the scripted pilots fare against each other.
 
-    python benchmarks/scripted_pilots.py [--fights 256] [--seed 0] [--spawn fixed|uniform]
+    python benchmarks/scripted_pilots.py [--fights 256] [--seed 0] [--preset paper] [--spawn fixed|uniform]
 
 Every attacker against every defender from the same starts, in one program. Prints a Markdown table of shares with
 95 % Wilson intervals in per cent; down: the share of fights in which that drone had crashed by the end.
@@ -17,26 +17,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Fight all scripted pilots against each other.")
     parser.add_argument("--fights", type=int, default=256, help="fights per pair (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the start states (default %(default)s)")
+    parser.add_argument("--preset", default="paper", help="whose game (default %(default)s)")
     parser.add_argument("--spawn", choices=("fixed", "uniform"), default="fixed", help="default %(default)s")
     flags = parser.parse_args()
     backend.prepare("cpu")
-    table(flags.fights, flags.seed, flags.spawn)
+    table(flags.fights, flags.seed, flags.preset, flags.spawn)
 
 
-def table(fights: int, seed: int, spawn: Literal["fixed", "uniform"]) -> None:
+def table(fights: int, seed: int, preset: str, spawn: Literal["fixed", "uniform"]) -> None:
     """Fight and print."""
     import jax
     import jax.numpy as jnp
     import numpy as np
 
+    from dronecombat_jax import settings
     from dronecombat_jax.arena.match import fight, start_fights
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.combat.scripted import PILOTS, build_pilot, one_per_fight
-    from dronecombat_jax.config import Config, GameConfig
     from dronecombat_jax.runs.evaluation import summary
     from dronecombat_jax.types import ATTACKER, DEFENDER, FightResult
 
-    combat = Combat(Config(game=GameConfig(spawn=spawn)))
+    combat = Combat(settings.load(preset, {"game.spawn": spawn}))
     attackers, defenders = list(PILOTS[ATTACKER]), list(PILOTS[DEFENDER])
     pairs = [(attacker, defender) for attacker in attackers for defender in defenders]
     which = np.repeat(np.arange(len(pairs)), fights)
@@ -51,7 +52,7 @@ def table(fights: int, seed: int, spawn: Literal["fixed", "uniform"]) -> None:
     result = jax.device_get(match(start))
 
     columns = ("intercept", "reached", "defender down", "attacker down", "time-out", "seconds")
-    print(f"{fights} fights a pair, seed {seed}, {spawn} starts; shares in % [95 % interval]\n")
+    print(f"{fights} fights a pair, preset {preset}, seed {seed}, {spawn} starts; shares in % [95 % interval]\n")
     print("| attacker | defender | " + " | ".join(columns) + " |")
     print("|---|---|" + "---|" * len(columns))
     for index, names in enumerate(pairs):

@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo tournament report test test-slow check format bench bench-peers clean
+.PHONY: help train-ippo train-sippo tournament report test test-slow check format bench bench-scaling bench-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -44,8 +44,11 @@ format: $(VENV)/.dev ## let ruff format and repair
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: $(VENV)/.runtime ## measure throughput on this machine
-	$(BIN)/python benchmarks/throughput.py $(ARGS)
+bench: $(VENV)/.runtime ## measure throughput beside the ceilings of this machine, about 5 minutes (ARGS="--rounds 3")
+	$(BIN)/python -m benchmarks.throughput $(ARGS)
+
+bench-scaling: $(VENV)/.runtime ## how cost grows with environments, seeds, past players and entrants, about 20 minutes
+	$(BIN)/python -m benchmarks.scaling $(ARGS)
 
 bench-peers: $(PEERS_VENV)/.peers ## measure other learners on the same game beside ours (in an environment of its own)
 	$(PEERS_VENV)/bin/python -m benchmarks.peers.compare $(ARGS)

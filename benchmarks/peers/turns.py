@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 class Turns:
     """The child's side: call `done` after every call of the program; the first one has compiled it."""
 
-    def __init__(self, steps: int):
+    def __init__(self, steps: float):
         """`steps`: environment steps of one call."""
         self._steps, self._calls, self._seconds = steps, 0, 0.0
         self._start, self._own, self._all = time.perf_counter(), time.process_time(), busy_seconds()

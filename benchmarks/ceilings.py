@@ -11,7 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,19 +74,9 @@ def xla_products(size: Size) -> Part:
     from dronecombat_jax import backend
 
     backend.prepare("cpu")
-    import jax
 
     def program(product: Product) -> Program:
-        # A transposed view reaches the device as the array that it views; XLA contracts it where it stands.
-        left, right = (jax.device_put(side.T if side.base is not None else side) for side in product[1:])
-        turned = [side.base is not None for side in product[1:]]
-        axes = ((0,) if turned[0] else (1,), (1,) if turned[1] else (0,))
-        # `out` gives its memory to the result: fresh pages for every product would be timed, too.
-        multiply = jax.jit(
-            lambda left, right, out: jax.lax.dot_general(left, right, (axes, ((), ()))),
-            donate_argnums=2,
-            keep_unused=True,
-        )
+        multiply, left, right = contraction(product)
         last = [multiply(left, right, np.zeros((product.left.shape[0], product.right.shape[1]), np.float32))]
         repeats = product.repeats(size)
 
@@ -98,6 +88,26 @@ def xla_products(size: Size) -> Part:
         return Program(product.name, "GFLOP/s", repeats * product.gflop, call)
 
     return Part([program(product) for product in products(size)])
+
+
+def contraction(product: Product) -> tuple[Callable[..., Any], Any, Any]:
+    """A jitted `multiply(left, right, out)` and both operands on the device, as they stand in memory.
+
+    A transposed view is given as the array that it views, and contracted along its first axis. `out` gives its memory
+    to the result: fresh pages for every product would be timed, too.
+    """
+    import jax
+
+    turned = [side.base is not None for side in (product.left, product.right)]
+    left, right = (
+        jax.device_put(side.T if is_view else side)
+        for side, is_view in zip((product.left, product.right), turned, strict=True)
+    )
+    axes = ((0,) if turned[0] else (1,), (1,) if turned[1] else (0,))
+    multiply = jax.jit(
+        lambda left, right, out: jax.lax.dot_general(left, right, (axes, ((), ()))), donate_argnums=2, keep_unused=True
+    )
+    return multiply, left, right
 
 
 def memory(size: Size) -> Part:

@@ -24,6 +24,7 @@ PREPARE = """
 import importlib.metadata, json, os, sys
 importlib.metadata.version = lambda name: {version!r}
 from dronecombat_jax import backend
+backend._cpu = lambda: ("a processor", {features!r})
 {patch}
 backend.prepare({device!r}, {cpu_devices})
 assert "jax" not in sys.modules and "mujoco" not in sys.modules
@@ -31,10 +32,12 @@ print(json.dumps(dict(os.environ) | {{"set by us": backend._set_by_us}}))
 """
 
 
-def prepared(tmp_path, version="0.12.0.1", device="cpu", patch="", cpu_devices=1, **environment) -> dict:
+def prepared(
+    tmp_path, version="0.12.0.1", device="cpu", patch="", cpu_devices=1, features="sse2 avx2", **environment
+) -> dict:
     """The environment after `prepare(device)` with jax `version`, in a fresh interpreter that never imports JAX."""
     clean = {name: value for name, value in os.environ.items() if name not in OURS and not name.startswith("JAX_")}
-    code = PREPARE.format(version=version, device=device, patch=patch, cpu_devices=cpu_devices)
+    code = PREPARE.format(version=version, device=device, patch=patch, cpu_devices=cpu_devices, features=features)
     given = clean | {"DRONECOMBAT_CACHE": str(tmp_path)} | environment
     result = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
     return json.loads(result.stdout)
@@ -45,7 +48,7 @@ def test_the_scheduler_that_deadlocks_is_off_with_jax_0_10(tmp_path, device):
     assert prepared(tmp_path, "0.10.1", device)["XLA_FLAGS"] == DEADLOCK_OFF
 
 
-def test_jax_0_12_gets_no_flags(tmp_path):
+def test_jax_0_12_needs_no_flags(tmp_path):
     found = prepared(tmp_path, "0.12.0.1")
     assert "XLA_FLAGS" not in found
     assert "TF_CPP_MIN_LOG_LEVEL" not in found
@@ -57,6 +60,19 @@ def test_a_cpu_pretends_to_be_several_devices_unless_the_user_has_said_how_many(
     old = prepared(tmp_path, "0.10.1", cpu_devices=2)
     assert old["XLA_FLAGS"] == old["set by us"]["XLA_FLAGS"] == f"{DEADLOCK_OFF} {flag}=2"
     assert prepared(tmp_path, "0.12.0.1", cpu_devices=2, XLA_FLAGS=f"{flag}=4")["XLA_FLAGS"] == f"{flag}=4"
+
+
+@pytest.mark.parametrize("version", ["0.10.1", "0.12.0.1"])
+def test_a_cpu_with_wide_vectors_uses_them(tmp_path, version):
+    wide, narrow = (prepared(tmp_path, version, features=f"avx2 {extra}") for extra in ("avx512f", "avx"))
+    assert "--xla_cpu_prefer_vector_width=512" in wide["XLA_FLAGS"].split()
+    assert "vector_width" not in narrow.get("XLA_FLAGS", "")
+    chosen = "--xla_cpu_prefer_vector_width=128"
+    assert prepared(tmp_path, features="avx512f", XLA_FLAGS=chosen)["XLA_FLAGS"] == chosen
+
+
+def test_a_version_of_jax_nobody_has_tried_gets_no_flags(tmp_path):
+    assert "XLA_FLAGS" not in prepared(tmp_path, "0.13.0", features="avx512f")
 
 
 def test_flags_of_the_user_are_kept(tmp_path):

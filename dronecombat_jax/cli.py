@@ -81,6 +81,7 @@ class TournamentFlags:
     name: str = setting("", "folder in tournaments/ (default: the names of the runs)")
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
     stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
+    flights: int = setting(0, "fights to record of each run's two sides of one chunk: how they fly", low=0, high=10**4)
     skip_bad: bool = setting(False, "leave out what cannot be read, and exit with 5")
     allow_env_mismatch: bool = setting(False, "let policies of another game fly in that of the first")
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
@@ -205,6 +206,7 @@ def tournament(args: Sequence[str]) -> int:
         name=given.name,
         every=given.every,
         untrained=given.untrained,
+        flights=given.flights,
         skip_bad=given.skip_bad,
         allow_mismatch=given.allow_env_mismatch,
     )

@@ -10,7 +10,7 @@ from dronecombat_jax import cli, runs
 from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.errors import EXIT_CONFIG
 
-DEFAULTS = {"name": "", "every": 1, "untrained": False, "skip_bad": False, "allow_mismatch": False}
+DEFAULTS = {"name": "", "every": 1, "untrained": False, "flights": 0, "skip_bad": False, "allow_mismatch": False}
 
 
 @pytest.fixture

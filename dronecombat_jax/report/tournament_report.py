@@ -11,6 +11,7 @@ from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.report import map_tests
 from dronecombat_jax.report.cyclic_figure import cyclic_discs
 from dronecombat_jax.report.figures import save_figure
+from dronecombat_jax.report.flight_figure import flight_over_time, flight_table
 from dronecombat_jax.report.gaps import seeds_of
 from dronecombat_jax.report.map_figures import score_map, variance_map, win_rate_map
 from dronecombat_jax.report.page import Picture, page
@@ -22,6 +23,7 @@ from dronecombat_jax.report.tables import score_matrix, tables
 from dronecombat_jax.report.verdict import judge
 from dronecombat_jax.report.verdict_text import verdict_json, verdict_text
 from dronecombat_jax.runs.atomic import cannot_write, write_atomic
+from dronecombat_jax.runs.flights import Flown, load_flights
 from dronecombat_jax.runs.grouping import as_compared
 from dronecombat_jax.runs.result_file import load_about, load_result
 from dronecombat_jax.schema import one_line
@@ -52,7 +54,8 @@ def report(word: str, out: Path | None = None) -> int:
     result, compared = as_compared(load_result(path), about)
     notes = [str(line) for key in ("missing", "notices") for line in about.get(key, ())]
     title = f"Tournament {folder.resolve().name}"
-    files = write_report(result, out or folder / "report", title, notes, every=compared.every)
+    flown = load_flights(folder)
+    files = write_report(result, out or folder / "report", title, notes, every=compared.every, flown=flown)
     print(f"written to {files[0]} and {len(files) - 1} files beside it")
     return 0
 
@@ -75,10 +78,12 @@ def write_report(
     notes: Sequence[str] = (),
     effort: Effort | None = None,
     every: int = EVERY,
+    flown: Sequence[Flown] = (),
 ) -> list[Path]:
     """Write everything under `out` and return the files, the page first. UserError 73 where that cannot be.
 
-    `notes`: what the tournament itself says to be missing; `every`: as in `panel.away_panel`.
+    `notes`: what the tournament itself says to be missing; `every`: as in `panel.away_panel`; `flown`:
+    recorded fights, if there are any.
     """
     told = study(result, effort)
     for folder in (out, out / "tables"):
@@ -87,12 +92,15 @@ def write_report(
         except OSError as error:
             raise cannot_write(folder, error) from None
     written, pictures = [], []
-    for name, (heading, draw, about) in FIGURES.items():
+    figures = dict(FIGURES)
+    if flown:
+        figures["flight_over_time"] = ("How they fly", lambda _: flight_over_time(flown), "Behaviour beside outcomes.")
+    for name, (heading, draw, about) in figures.items():
         path = out / "figures" / f"{name}.png"
         save_figure(draw(told), path)
         pictures.append(Picture(name, heading, about, path.read_bytes()))
         written += [path, path.with_suffix(".pdf")]
-    made = tables(told)
+    made = (*tables(told), *([flight_table(flown)] if flown else []))
     for table in made:
         for suffix, text in ((".csv", to_csv(table)), (".json", to_json(records(table)))):
             written.append(out / "tables" / (table.name + suffix))

@@ -2,6 +2,7 @@
 
     tournaments/<name>/cells/        what was flown, cell by cell; only ever added to (`cells`)
     tournaments/<name>/result.npz    all of it once complete (`result_file`), and result.json
+    tournaments/<name>/flights.json  how they fly, where fights are recorded (`flights`)
 
 Killed or stopped it goes on with the same command; with more checkpoints it flies the new cells alone.
 """
@@ -27,6 +28,7 @@ from dronecombat_jax.runs.atomic import cannot_write, sweep
 from dronecombat_jax.runs.cells import read_cells
 from dronecombat_jax.runs.contenders import POLICY_SUFFIX, SCRIPTED_PREFIX
 from dronecombat_jax.runs.entrants import Field, read_field
+from dronecombat_jax.runs.flights import record_flights, save_flights
 from dronecombat_jax.runs.flying import Grid, fly
 from dronecombat_jax.runs.lock import exclusive_lock
 from dronecombat_jax.runs.progress import printable
@@ -34,6 +36,7 @@ from dronecombat_jax.runs.provenance import package_version
 from dronecombat_jax.runs.result_file import save_result
 from dronecombat_jax.runs.rundir import run_path
 from dronecombat_jax.runs.standings import standings_text
+from dronecombat_jax.types import ATTACKER, DEFENDER
 
 CELLS_NAME = "cells"
 Cells = Callable[[Sequence[Entrant], Sequence[Entrant]], NDArray[np.bool_]]  # of both sides: [D, A], which to fly
@@ -50,13 +53,14 @@ def tournament(
     allow_mismatch: bool = False,
     root: str = "tournaments",
     cells: Cells | None = None,
+    flights: int = 0,
     told: Mapping[str, Any] | None = None,
 ) -> int:
     """Fly, or go on with, the tournament of everybody whom `words` name; returns an exit code.
 
     Of runs `every` n-th chunk and the last take part, and with `untrained` also whom they began with. `cells` chooses
     the cells to be flown (default: all); what was flown before is part of the result in any case. `told`: plain JSON
-    for `result.json`, too.
+    for `result.json`, too. `flights`: how many fights of each run's two sides of one chunk are recorded.
     0: complete; 5: complete but for players who could not be read (`skip_bad`); 75: stopped by a signal and saved.
     Raises UserError: 2 and 3 as `read_field`, 73 where the folder cannot be written.
     """
@@ -72,8 +76,13 @@ def tournament(
         grid = Grid(folder / CELLS_NAME, context, cause, steps, asked)
         _greet(folder, field, rules, grid)
         players = [[seat.player for seat in side] for side in field.seats]
-        if not fly(folder.name, Combat(field.config), players, rules, grid):
+        combat = Combat(field.config)
+        if not fly(folder.name, combat, players, rules, grid):
             return EXIT_STOPPED
+        if flights:
+            print(f"recording {flights} fights of each run's two sides of one chunk ...", flush=True)
+            sides = players[DEFENDER], players[ATTACKER]
+            save_flights(folder, record_flights(combat, (defenders, attackers), sides, rules, flights))
         winner, control_dt = outcome_table(field.config.game), field.config.control_dt
         result = tournament_result(grid.cause, grid.steps, winner, defenders, attackers, control_dt)
         save_result(folder, result, {**_about(field, context, result, grid.asked), **(told or {})})

@@ -65,6 +65,9 @@ class GameConfig:
         low=0.0,
         high=5.0,
     )
+    defender_spread: float = setting(
+        0.0, "fixed starts: the same for the defender, where it shall be wider", unit="m", low=0.0, high=5.0
+    )
     spawn_altitude_low: float = setting(0.5, "lowest start altitude", unit="m", low=0.0, high=100.0)
     spawn_altitude_high: float = setting(1.5, "highest start altitude", unit="m", low=0.0, high=100.0)
     episode_steps: int = setting(500, "control steps until time-out", low=1, high=100_000)

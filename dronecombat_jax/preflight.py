@@ -97,11 +97,12 @@ def _game(config: Config) -> Iterator[Problem]:
             ("game.spawn_altitude_low", "game.spawn_altitude_high"),
             f"game.spawn_altitude_low = {low:g} must not exceed game.spawn_altitude_high = {high:g}",
         )
-    if game.spawn == "uniform" and game.spawn_spread:
-        yield Problem(
-            ("game.spawn", "game.spawn_spread"),
-            f"game.spawn_spread = {game.spawn_spread:g} widens fixed starts; with game.spawn = uniform it must be 0",
-        )
+    for name in ("spawn_spread", "defender_spread"):
+        if game.spawn == "uniform" and (spread := getattr(game, name)):
+            yield Problem(
+                ("game.spawn", f"game.{name}"),
+                f"game.{name} = {spread:g} widens fixed starts; with game.spawn = uniform it must be 0",
+            )
     if crash >= low:
         yield Problem(
             ("game.crash_altitude", "game.spawn_altitude_low"),

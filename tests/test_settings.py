@@ -350,6 +350,7 @@ def test_windows_line_ends_are_fine(toml):
         ({"game.spawn_altitude_low": 2.0}, "--game.spawn-altitude-low: ", "must not exceed"),
         ({"game.crash_altitude": 0.5}, "--game.crash-altitude: ", "must be below game.spawn_altitude_low = 0.5"),
         ({"game.spawn": "uniform", "game.spawn_spread": 1.0}, "--game.spawn: ", "spawn_spread = 1 widens fixed starts"),
+        ({"game.spawn": "uniform", "game.defender_spread": 2.0}, "--game.spawn: ", "defender_spread = 2 widens"),
         ({"learn.min_learning_rate": 0.1}, "--learn.min-learning-rate: ", "0.1, 0.0003, 0.01"),
         ({"learn.learning_rate": 0.1}, "--learn.learning-rate: ", "must hold"),
         ({"learn.min_log_std": 1.0}, "--learn.min-log-std: ", "must hold, but they are 1, 0, 2"),

@@ -48,9 +48,10 @@ class Combat:
         draws = draws.reshape(3, 3)
         altitude = game.spawn_altitude_low + draws[:, 2] * (game.spawn_altitude_high - game.spawn_altitude_low)
         offset = 2.0 * draws[:, :2] - 1.0
-        plane = (
-            ARENA_HALF_WIDTH * offset if game.spawn == "uniform" else jnp.asarray(START) + game.spawn_spread * offset
-        )
+        spread = [[max(game.spawn_spread, game.defender_spread)], [game.spawn_spread], [game.spawn_spread]]
+        plane = jnp.asarray(START) + jnp.asarray(spread) * offset
+        if game.spawn == "uniform":
+            plane = ARENA_HALF_WIDTH * offset
         positions = jnp.concatenate([plane, altitude[:, None]], axis=-1)
         level = jnp.asarray([1.0, 0.0, 0.0, 0.0])
         pose = jnp.concatenate([positions[:NUM_AGENTS], jnp.broadcast_to(level, (NUM_AGENTS, 4))], axis=-1)

@@ -59,7 +59,7 @@ def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
     """The fights of `match` with the policies of one of the run's seeds; NumPy leaves. UserError for an unknown pilot."""
     game = run.config.game
     if match.spawn:
-        game = replace(game, spawn=match.spawn, spawn_spread=0.0)
+        game = replace(game, spawn=match.spawn, spawn_spread=0.0, defender_spread=0.0)
     config = replace(run.config, game=game)
     combat = Combat(config, run.combat.scene)
     learn = config.learn

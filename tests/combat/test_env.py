@@ -95,7 +95,12 @@ def test_key_is_used_once(arena: SimpleNamespace):
 def thousand(arena: SimpleNamespace) -> dict[str, EnvState]:
     """A thousand starts of each kind."""
     keys, starts = jax.random.split(jax.random.key(3), 1000), {}
-    games = {"fixed": GameConfig(), "uniform": GameConfig(spawn="uniform"), "spread": GameConfig(spawn_spread=1.5)}
+    games = {
+        "fixed": GameConfig(),
+        "uniform": GameConfig(spawn="uniform"),
+        "spread": GameConfig(spawn_spread=1.5),
+        "wide": GameConfig(spawn_spread=1.0, defender_spread=4.0),
+    }
     for name, game in games.items():
         combat = Combat(Config(game=game), arena.combat.scene)
         starts[name] = jax.jit(jax.vmap(combat.reset))(keys)
@@ -127,6 +132,12 @@ def test_a_spread_start_fills_a_square_around_each_of_the_papers_points(thousand
     offset = places(thousand["spread"]) - [[0, 5, 0], [0, 0, 0], [5, 5, 0]]
     assert_uniform(offset[:, :, :2].reshape(1000, -1), -1.5, 1.5)
     assert_uniform(offset[:, :, 2], 0.5, 1.5)
+
+
+def test_the_defender_alone_may_start_in_a_wider_square(thousand: dict[str, EnvState]):
+    offset = places(thousand["wide"]) - [[0, 5, 0], [0, 0, 0], [5, 5, 0]]
+    assert_uniform(offset[:, 0, :2], -4.0, 4.0)
+    assert_uniform(offset[:, 1:, :2].reshape(1000, -1), -1.0, 1.0)
 
 
 def assert_uniform(columns: np.ndarray, low: float, high: float) -> None:

@@ -51,8 +51,12 @@ def test_a_new_version_of_the_game_changes_it(monkeypatch):
 
 
 def test_a_setting_that_came_later_leaves_the_game_before_it_alone():
-    assert environment_digest(Config()) == environment_digest(Config(game=GameConfig(spawn_spread=0)))
-    assert "game.spawn_spread" not in environment(Config())  # checkpoints and policies from before it go on flying
+    assert environment_digest(Config()) == environment_digest(
+        Config(game=GameConfig(spawn_spread=0, defender_spread=0))
+    )
+    assert {"game.spawn_spread", "game.defender_spread"}.isdisjoint(
+        environment(Config())
+    )  # checkpoints and policies from before it go on flying
     assert environment(Config(game=GameConfig(spawn_spread=1)))["game.spawn_spread"] == 1.0
 
 

@@ -44,8 +44,8 @@ def flight_over_time(flown: Sequence[Flown]) -> Figure:
         ax.set_title(heading, fontsize=11)
         ax.set_ylabel(unit)
         time_axis(ax)
-    axes[0][0].legend(fontsize=8, framealpha=0.85)
-    axes[1][0].legend(fontsize=8, framealpha=0.85)
+    axes[0][0].legend(fontsize=8, framealpha=0.85, handlelength=4.0)
+    axes[1][0].legend(fontsize=8, framealpha=0.85, handlelength=4.0)
     return figure
 
 

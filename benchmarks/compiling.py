@@ -12,17 +12,17 @@ Mesh = jax.sharding.Mesh
 
 
 def spread(one: Callable[..., Any], mesh: Mesh | None) -> Callable[..., Any]:
-    """`one` for each of arguments [S, ...], in turn on one device; with a `mesh` each device does its share of S."""
+    """`one` for each of arguments [S, ...], in turn on one device; a `mesh` shares S out along its first axis."""
     every = lambda *batch: jax.lax.map(lambda each: one(*each), batch)
     if mesh is None:
         return every
-    part = jax.sharding.PartitionSpec(*mesh.axis_names)
+    part = jax.sharding.PartitionSpec(mesh.axis_names[0])
     return jax.shard_map(every, mesh=mesh, in_specs=part, out_specs=part, check_vma=False)
 
 
 def place(tree: Any, mesh: Mesh | None) -> Any:
     """Leaves [S, ...] where `spread` wants them."""
-    where = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec(*mesh.axis_names)) if mesh else None
+    where = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec(mesh.axis_names[0])) if mesh else None
     return jax.device_put(jax.device_get(tree), where)
 
 

@@ -20,7 +20,7 @@ from benchmarks.record import Load, provenance, summary
 from benchmarks.size import TINY, Size
 from benchmarks.tables import head, spread, table
 from benchmarks.throughput import say
-from benchmarks.worker import Worker
+from benchmarks.worker import Worker, end_tidily
 from dronecombat_jax.preflight import machine_bytes
 
 DEFAULT_FILE = Path("build/bench-scaling.json")
@@ -75,6 +75,7 @@ def main() -> None:
     parser.add_argument("--cache", type=Path, help="a compile cache to keep and use; compile times are then not cold")
     parser.add_argument("--tiny", action="store_true", help="tiny networks and few steps; the figures mean nothing")
     flags = parser.parse_args()
+    end_tidily()
     if flags.repetitions < 1:
         parser.error("--repetitions must be at least 1")
     begun, load, cache = time.monotonic(), Load(), flags.cache and flags.cache.absolute()

@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.worker import ROOT
+from benchmarks.worker import ROOT, end_tidily
 
 RUN = "start"
 COMPILED = re.compile(r"compiled .* in ([0-9.]+) s")
@@ -63,6 +63,7 @@ def main() -> None:
     """Read the flags, measure, print JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", default="duel", help="what is trained (default %(default)s)")
+    end_tidily()
     print(json.dumps(starts(parser.parse_args().preset), indent=2))
 
 

@@ -22,7 +22,7 @@ from benchmarks.record import Load, provenance
 from benchmarks.results import derive
 from benchmarks.size import TINY, Size
 from benchmarks.start import starts
-from benchmarks.worker import Worker
+from benchmarks.worker import Worker, end_tidily
 
 START = "start"
 PARTS = (
@@ -41,6 +41,7 @@ def main() -> None:
     parser.add_argument("--cache", type=Path, help="a compile cache to keep and use; compile times are then not cold")
     parser.add_argument("--tiny", action="store_true", help="seconds instead of minutes; the figures mean nothing")
     flags = parser.parse_args()
+    end_tidily()
     if flags.rounds < 1:
         parser.error("--rounds must be at least 1")
     cache = flags.cache and flags.cache.absolute()

@@ -24,7 +24,7 @@ from benchmarks.record import Load, provenance
 from benchmarks.start import COMPILED
 from benchmarks.tables import head, table
 from benchmarks.throughput import say
-from benchmarks.worker import ROOT
+from benchmarks.worker import ROOT, end_tidily
 
 POLL_SECONDS = 0.05
 
@@ -46,6 +46,7 @@ def main() -> None:
     parser.add_argument("--sustained", type=int, default=10, help="iterations in a row (default %(default)s)")
     parser.add_argument("--json", type=Path, help="write the record to this file, too")
     flags, rest = parser.parse_known_args()
+    end_tidily()
     begun, load, trainings = time.monotonic(), Load(), []
     for seed in flags.seeds:
         say(f"training {flags.preset}, seed {seed}")

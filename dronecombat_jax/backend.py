@@ -13,6 +13,7 @@ import os
 import platform
 import sys
 import warnings
+from collections.abc import Callable
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -34,10 +35,11 @@ RENDERING_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 _set_by_us: dict[str, str] = {}
 
 
-def prepare(device: str = "auto", cpu_devices: int = 1) -> None:
+def prepare(device: str = "auto", cpu_devices: int = 1, join: Callable[[], None] = lambda: None) -> None:
     """Set up JAX and MuJoCo for `device`: auto, cpu, gpu or tpu. Call it before either is imported.
 
     `cpu_devices`: how many devices a CPU shall pretend to be; seeds trained on several never wait for each other.
+    `join`: meets other processes (`processes.join`), which must come before JAX looks at its devices.
     Where the user has set a variable, it stays; only a `device` asked for by name wins over JAX_PLATFORMS.
     Raises UserError (exit 2) for a known-bad jax and for a device that is not there.
     """
@@ -48,8 +50,17 @@ def prepare(device: str = "auto", cpu_devices: int = 1) -> None:
         _set_flag("--xla_force_host_platform_device_count", str(cpu_devices))
     _prepare_jax(platforms)
     _prepare_mujoco()
+    join()
     if device in PLUGINS:
         _require_devices(device)
+
+
+def set_matmul_precision(precision: str) -> None:
+    """Of float32 matrix products, as JAX names it, unless the user has set it; before `prepare`. Slower and faster ones
+    differ on a GPU (Ampere and later: TensorFloat-32) and on a TPU (bfloat16).
+    """
+    if precision != "default" and "JAX_DEFAULT_MATMUL_PRECISION" not in os.environ:
+        _set("JAX_DEFAULT_MATMUL_PRECISION", precision)
 
 
 def refuse_bad_jax() -> None:

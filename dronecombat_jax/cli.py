@@ -140,15 +140,17 @@ def train(args: Sequence[str]) -> int:
         return 0
     print(summary(config, preset), flush=True)
     _prepare(config.run.device, config)
+    from dronecombat_jax import processes
     from dronecombat_jax.runs import training
 
-    if "fork" in fork:
-        new = replace(config, run=replace(config.run, name=fork["fork"]))
-        chunk = fork.get("fork_chunk", -1)
-        config, code = new, training.train(new, config.run.name, chunk if chunk >= 0 else None)
-    else:
-        code = training.train(config)
-    if code:
+    with processes.parting():
+        if "fork" in fork:
+            new = replace(config, run=replace(config.run, name=fork["fork"]))
+            chunk = fork.get("fork_chunk", -1)
+            config, code = new, training.train(new, config.run.name, chunk if chunk >= 0 else None)
+        else:
+            code = training.train(config)
+    if code or not processes.first():
         return code
     from dronecombat_jax.report import finish
 
@@ -341,8 +343,16 @@ def _prepare(device: str, config: Config | None = None) -> None:
     """Choose the device and set XLA's flags: must come before JAX is imported."""
     from dronecombat_jax import backend
 
-    devices = preflight.spread(config.train.num_seeds, config.run.devices, backend.cores()) if config else 1
-    backend.prepare(device, devices)
+    if config is None:
+        return backend.prepare(device, 1)
+    if config.run.matmul_precision != "default":
+        backend.set_matmul_precision(config.run.matmul_precision)
+    if config.run.distributed:
+        from dronecombat_jax import processes
+
+        return backend.prepare(device, 1, lambda: processes.join(config.run.join_seconds))
+    seeds, environments = preflight.mesh_shape(config.train.num_seeds, config.run.devices, backend.cores())
+    backend.prepare(device, seeds * environments)
 
 
 if __name__ == "__main__":

@@ -231,7 +231,18 @@ class RunConfig:
     directory: str = setting("runs", "folder that holds all runs")
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute; asked for and absent is an error")
     devices: int = setting(
-        0, "devices to spread the seeds over; on a CPU its cores (0: as many as divide the seeds)", low=0, high=1024
+        0,
+        "devices to train on, on a CPU its cores: first a share of the seeds for each, then, with more devices than "
+        "seeds, of the environments (0: as many as divide the seeds)",
+        low=0,
+        high=1024,
+    )
+    distributed: bool = setting(False, "train in several processes on all their devices (docs/scaling.md)")
+    join_seconds: float = setting(
+        300.0, "how long a process waits for the others at the start", unit="s", low=1.0, high=86_400.0
+    )
+    matmul_precision: Literal["default", "tensorfloat32", "float32"] = setting(
+        "default", "of matrix products on a GPU or TPU (default: JAX's choice; a CPU always computes in float32)"
     )
     figures: bool = setting(True, "draw learning curves at the end")
     video: bool = setting(True, "render a picture and a short video of a fight at the end")

@@ -18,6 +18,7 @@ OBSERVATION_SIZE = 35  # eq. 5
 ACTION_SIZE = 4
 AGENTS = 2
 PHYSICS_BYTES = 4700  # of MJX's arrays per environment (measured, docs/performance.md)
+MAX_DEVICES = 1024
 _NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{0,100}")
 _CGROUP = Path("/sys/fs/cgroup/memory.max")
 
@@ -149,13 +150,8 @@ def _run(config: Config) -> Iterator[Problem]:
         yield Problem(("run.name",), "run.name must be at most 100 of A-Z a-z 0-9 . _ - and not start with a dot")
     if not config.run.directory:
         yield Problem(("run.directory",), "run.directory must not be empty")
-    seeds, devices = config.train.num_seeds, config.run.devices
-    if devices and seeds % devices:
-        fits = [count for count in range(1, seeds + 1) if seeds % count == 0]
-        yield Problem(
-            ("run.devices", "train.num_seeds"),
-            f"run.devices = {devices} must divide train.num_seeds = {seeds}: {', '.join(map(str, fits))}, or 0 for the most",
-        )
+    if uneven := uneven_devices(config, config.run.devices or 1):
+        yield Problem(("run.devices", "train.num_seeds", "train.num_envs"), uneven)
     last = config.train.seed + config.train.num_seeds - 1
     if last > 2**31 - 1:
         yield Problem(
@@ -175,6 +171,40 @@ def spread(num_seeds: int, wanted: int, available: int) -> int:
     """Devices that `num_seeds` seeds are spread over, the same number on each: `wanted`, or the most (0)."""
     most = min(num_seeds, available if wanted == 0 else wanted)
     return next(count for count in range(max(most, 1), 0, -1) if num_seeds % count == 0)
+
+
+def mesh_shape(num_seeds: int, wanted: int, available: int) -> tuple[int, int]:
+    """Devices along the seeds, and along the environments of each seed: in all `wanted`, or what serves best (0).
+
+    Seeds come first, the same number on each device: they never wait for each other. Environments of one seed are
+    spread only where more devices are asked for: on two cores one device does as well (docs/scaling.md).
+    """
+    if wanted == 0:
+        return spread(num_seeds, 0, available), 1
+    seeds = math.gcd(num_seeds, wanted)
+    return seeds, wanted // seeds
+
+
+def uneven_devices(config: Config, devices: int) -> str:
+    """Why `devices` cannot share the work evenly, with the numbers that can; "" where they do."""
+    seeds, envs = config.train.num_seeds, config.train.num_envs
+    minibatch = config.steps_per_iteration // config.learn.minibatches
+
+    def fits(devices: int) -> bool:
+        _, each = mesh_shape(seeds, devices, devices)
+        return envs % each == 0 and minibatch % each == 0
+
+    if fits(devices):
+        return ""
+    shared, each = mesh_shape(seeds, devices, devices)
+    counts = [str(count) for count in range(1, MAX_DEVICES + 1) if fits(count)]
+    near = [count for count in counts if int(count) < devices][-2:] + [
+        count for count in counts if int(count) > devices
+    ][:2]
+    return (
+        f"run.devices = {devices}: {shared} for the seeds (train.num_seeds = {seeds}) leave {each} for the environments "
+        f"of each, which must divide train.num_envs = {envs} and a mini-batch of {minibatch}; nearest that fit: {', '.join(near)}"
+    )
 
 
 def _nearest_batches(config: Config) -> str:

@@ -196,14 +196,23 @@ def _read(checkpoint: Path, manifest: Manifest) -> Arrays:
 
 @contextlib.contextmanager
 def _orbax() -> Iterator[Any]:
-    """Orbax's synchronous checkpointer, without the page of log that it prints for a full disk."""
+    """Orbax's synchronous checkpointer, without the page of log that it prints for a full disk.
+
+    Of several processes it waits for none: only this one reads or writes.
+    """
+    import jax
     import orbax.checkpoint as ocp
 
+    here = jax.process_index()
+    alone = ocp.options.MultiprocessingOptions(
+        primary_host=here, active_processes={here}, barrier_sync_key_prefix=f"process{here}"
+    )
     logger = logging.getLogger("absl")
     level = logger.level
     logger.setLevel(logging.CRITICAL)
     try:
-        with ocp.Checkpointer(ocp.PyTreeCheckpointHandler(use_ocdbt=True)) as checkpointer:
+        handler = ocp.PyTreeCheckpointHandler(use_ocdbt=True, multiprocessing_options=alone)
+        with ocp.Checkpointer(handler, multiprocessing_options=alone) as checkpointer:
             yield checkpointer
     finally:
         logger.setLevel(level)

@@ -3,9 +3,9 @@
 import time
 from typing import TYPE_CHECKING, Any
 
+from dronecombat_jax import preflight, processes
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
-from dronecombat_jax.preflight import spread
 
 if TYPE_CHECKING:
     import jax
@@ -29,22 +29,35 @@ def flight_seconds(config: Config, state: Any) -> float:
 
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.selfplay.chunk import build_flight
+    from dronecombat_jax.selfplay.mesh import jitted
 
-    iterations = call_iterations(config)
-    fly = jax.jit(build_flight(Combat(config), iterations, seed_devices(config))).lower(state).compile()
+    iterations, mesh = call_iterations(config), seed_devices(config)
+    fly = jitted(build_flight(Combat(config), iterations, mesh), state, mesh).lower(state).compile()
     start = time.monotonic()
     jax.block_until_ready(fly(state))
     return (time.monotonic() - start) / iterations
 
 
 def seed_devices(config: Config) -> "jax.sharding.Mesh | None":
-    """The devices that the seeds are spread over; None for a single one. UserError 2 where there are fewer than asked."""
+    """The devices of a run, by seed and environment; None for a single one.
+
+    Several processes use all their devices. Raises UserError 2 where there are other devices than asked for, or
+    they do not divide the work.
+    """
     import jax
 
-    from dronecombat_jax.selfplay.chunk import seed_mesh
+    from dronecombat_jax.selfplay.mesh import device_mesh
 
-    wanted, there = config.run.devices, jax.local_device_count()
+    wanted, there = config.run.devices, jax.device_count()
     if wanted > there:
         raise UserError(f"run.devices = {wanted}: there are {there}", EXIT_CONFIG)
-    count = spread(config.train.num_seeds, wanted, there)
-    return seed_mesh(count) if count > 1 else None
+    if processes.count() > 1:
+        if wanted not in (0, there):
+            raise UserError(
+                f"run.devices = {wanted}: the processes have {there}, all of which must take part", EXIT_CONFIG
+            )
+        wanted = there
+        if uneven := preflight.uneven_devices(config, there):
+            raise UserError(uneven, EXIT_CONFIG)
+    seeds, environments = preflight.mesh_shape(config.train.num_seeds, wanted, there)
+    return device_mesh(seeds, environments) if seeds * environments > 1 else None

@@ -1,33 +1,43 @@
 """`dronecombat train`: the host's side of a run. Claim the directory, compile once, go on until done.
 
 The device does the work in program calls of a few iterations (`selfplay.chunk`); between two calls the
-host writes metrics, answers signals and, at a chunk's end, saves. A run that was stopped or killed goes
-on with the same command, bit for bit.
+host writes metrics, answers signals and, at a chunk's end, saves (`keeper`). A run that was stopped or killed goes
+on with the same command, bit for bit. Of several processes only the first has a run directory; all run this loop.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any
+from contextlib import ExitStack, contextmanager, nullcontext
+from typing import Any, NamedTuple
 
-from dronecombat_jax import settings
+import numpy as np
+
+from dronecombat_jax import processes, settings
 from dronecombat_jax.config import Config
-from dronecombat_jax.errors import EXIT_DIVERGED, EXIT_STOPPED, UserError
+from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED, UserError
 from dronecombat_jax.runs import fork
 from dronecombat_jax.runs.atomic import write_atomic
-from dronecombat_jax.runs.chunks import ChunkLog
 from dronecombat_jax.runs.claim import claim_run
-from dronecombat_jax.runs.guards import Watch, device_errors, write_dump
-from dronecombat_jax.runs.metrics import MetricsWriter, truncate_after
+from dronecombat_jax.runs.guards import Watch, device_errors
+from dronecombat_jax.runs.keeper import Keeper, timed
+from dronecombat_jax.runs.metrics import truncate_after
 from dronecombat_jax.runs.program import call_iterations, flight_seconds, seed_devices
 from dronecombat_jax.runs.progress import Progress, make_progress
 from dronecombat_jax.runs.provenance import check_meta
-from dronecombat_jax.runs.records import progress_update, records
 from dronecombat_jax.runs.resume import Start, find_start, restored_state
 from dronecombat_jax.runs.rundir import RunDirectory, run_path
 from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.runs.signals import StopFlag, stop_signals
 
 Advance = Callable[[Any], tuple[Any, Any]]
+
+
+class Begun(NamedTuple):
+    """A run that this process has claimed, and where it goes on from."""
+
+    run: RunDirectory
+    start: Start | None
+    more_meta: dict[str, Any]  # for every checkpoint
+    complete: bool  # nothing is left to do
 
 
 def train(config: Config, fork_of: str | None = None, chunk: int | None = None) -> int:
@@ -37,26 +47,42 @@ def train(config: Config, fork_of: str | None = None, chunk: int | None = None) 
     0: done; 75: stopped by a signal and saved. Raises UserError: 2 where the directory holds another
     run, 73 where it cannot be written, 3 for checkpoints that cannot be used, 4 where training diverged.
     """
+    with ExitStack() as stack:
+        with processes.together():
+            if not processes.agreed(f"{settings.to_toml(config)} {fork_of} {chunk}"):
+                raise UserError("run.distributed: the processes were started with different settings", EXIT_CONFIG)
+            begun = _begin(stack, config, fork_of, chunk) if processes.first() else None
+        if processes.anywhere(begun is not None and begun.complete):
+            return 0
+        with device_errors():
+            if begun is None:
+                stop = stack.enter_context(stop_signals())
+                return _run(None, config, None, None, stop)
+            steps = config.steps_per_iteration * config.train.num_seeds
+            done = begun.start.iteration if begun.start else 0
+            progress = stack.enter_context(make_progress(begun.run.name, _last_iteration(config) * steps, done * steps))
+            stop = stack.enter_context(_stopping(progress))
+            saver = Saver(begun.run, config, progress, begun.more_meta)
+            return _run(begun.run, config, begun.start, saver, stop)
+
+
+def _begin(stack: ExitStack, config: Config, fork_of: str | None, chunk: int | None) -> Begun:
+    """Claim the run for as long as `stack` is open, find out where it goes on from, and say so."""
     source = None if fork_of is None else RunDirectory(run_path(config.run.directory, fork_of))
     forked = None if source is None else fork.fork_start(source, chunk, config)
-    with claim_run(config.run.directory, config.run.name) as run:
-        start = find_start(run, config)
-        last = _last_iteration(config)
-        if start is not None and source is not None:
-            fork.check_origin(run, start, source)
-        if start is not None and start.iteration >= last:
-            done = start.iteration * config.steps_per_iteration
-            print(f"run {run.name} is already complete: {done:,} environment steps per seed in {run.path}", flush=True)
-            return 0
+    run = stack.enter_context(claim_run(config.run.directory, config.run.name))
+    start = find_start(run, config)
+    if start is not None and source is not None:
+        fork.check_origin(run, start, source)
+    complete = start is not None and start.iteration >= _last_iteration(config)
+    if start is not None and complete:
+        done = start.iteration * config.steps_per_iteration
+        print(f"run {run.name} is already complete: {done:,} environment steps per seed in {run.path}", flush=True)
+    else:
         start = start or forked
         write_atomic(run.config, settings.to_toml(config))
         _greet(run, config, start)
-        iteration = start.iteration if start else 0
-        steps = config.steps_per_iteration * config.train.num_seeds
-        with make_progress(run.name, last * steps, iteration * steps) as progress, _stopping(progress) as stop:
-            saver = Saver(run, config, progress, _inherited(start, source))
-            with device_errors():
-                return _run(run, config, start, saver, stop)
+    return Begun(run, start, _inherited(start, source), complete)
 
 
 def _greet(run: RunDirectory, config: Config, start: Start | None) -> None:
@@ -92,89 +118,98 @@ def _stopping(progress: Progress) -> Iterator[StopFlag]:
         yield stop
 
 
-def _run(run: RunDirectory, config: Config, start: Start | None, saver: Saver, stop: StopFlag) -> int:
-    """Prepare, then advance until done or asked to stop; returns the exit code."""
+def _run(run: RunDirectory | None, config: Config, start: Start | None, saver: Saver | None, stop: StopFlag) -> int:
+    """Prepare, then advance until done or asked to stop; returns the exit code. Without `run`: write nothing."""
     state, compile_program = _prepare(run, config, start, saver)
-    iteration = int(state.iteration[0])
-    with (
-        ChunkLog(config, run.chunks, run.metrics, iteration) as chunks,
-        MetricsWriter(run.metrics, run.tensorboard, resume_steps=iteration * config.steps_per_iteration) as metrics,
-    ):
-        with chunks.timed("compile"), saver.progress.compiling("the training program"):
+    iteration = int(processes.on_host(state.iteration)[0])
+    with ExitStack() as stack:
+        with processes.together():
+            keeper = Keeper(run, config, saver, iteration) if run and saver else None
+            stack.enter_context(keeper or nullcontext())
+        shown = saver.progress.compiling("the training program") if saver else nullcontext()
+        with processes.together(), timed(keeper, "compile"), shown:
             advance = compile_program(state)
-        iteration = _advance(config, state, advance, metrics, chunks, saver, stop)
+        iteration = _advance(config, state, iteration, advance, keeper, stop)
     if iteration == _last_iteration(config):
         return 0
-    done = iteration * config.steps_per_iteration
-    saver.progress.message(f"stopped after {done:,} environment steps per seed; the same command goes on")
+    if saver:
+        done = iteration * config.steps_per_iteration
+        saver.progress.message(f"stopped after {done:,} environment steps per seed; the same command goes on")
     return EXIT_STOPPED
 
 
 def _prepare(
-    run: RunDirectory, config: Config, start: Start | None, saver: Saver
+    run: RunDirectory | None, config: Config, start: Start | None, saver: Saver | None
 ) -> tuple[Any, Callable[[Any], Advance]]:
-    """The state to go on from, on the device and on the disk, and a function that compiles the program for it."""
+    """The state to go on from, on the devices and on the disk, and a function that compiles the program for it."""
     import jax
 
     from dronecombat_jax.combat.env import Combat
-    from dronecombat_jax.selfplay.chunk import SEEDS, build_advance, init_state
+    from dronecombat_jax.selfplay.chunk import build_advance, init_state
+    from dronecombat_jax.selfplay.mesh import jitted, place
 
     combat = Combat(config)
+    with processes.together():
+        mesh = seed_devices(config)
+        if run and saver:
+            state = _first_state(run, config, start, saver, combat)
+        else:  # of the same shapes, to be filled by the first process
+            shapes = jax.eval_shape(lambda: init_state(combat))
+            state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+    state = place(processes.from_first(state), mesh)
+    program = jitted(build_advance(combat, call_iterations(config), mesh), state, mesh, donate_argnums=0)
+    return state, lambda state: program.lower(state).compile()
+
+
+def _first_state(run: RunDirectory, config: Config, start: Start | None, saver: Saver, combat: Any) -> Any:
+    """The state to go on from, NumPy leaves [S, ...]; a new run's is saved, and the logs end where it is."""
+    import jax
+
+    from dronecombat_jax.selfplay.chunk import init_state
+
     if start is None:
         state = jax.jit(lambda: init_state(combat))()
     else:
         for note in check_meta(start, config):
             saver.progress.message(note)
         state = (fork.forked_state if start.changed else restored_state)(start, config, combat)
+    state = jax.device_get(state)
     if start is None or start.changed:
-        saver.save_now(jax.device_get(state))  # before the compilation, which no signal can interrupt
+        saver.save_now(state)  # before the compilation, which no signal can interrupt
     steps = int(state.iteration[0]) * config.steps_per_iteration if start else -1
     for log in (run.metrics, run.chunks):
         truncate_after(log, steps)
-    mesh = seed_devices(config)
-    program = jax.jit(build_advance(combat, call_iterations(config), mesh), donate_argnums=0)
-    where = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec(SEEDS)) if mesh else None
-    return jax.device_put(jax.device_get(state), where), lambda state: program.lower(state).compile()
+    return state
 
 
 def _advance(
-    config: Config,
-    state: Any,
-    advance: Advance,
-    metrics: MetricsWriter,
-    chunks: ChunkLog,
-    saver: Saver,
-    stop: StopFlag,
+    config: Config, state: Any, iteration: int, advance: Advance, keeper: Keeper | None, stop: StopFlag
 ) -> int:
     """Call the program until all is done or a stop is asked for, and save; returns the iterations done."""
-    import jax
-
-    iteration, watch = int(state.iteration[0]), Watch(config)
-    stopping = bool(stop)
+    watch = Watch(config)
+    stopping, flight = processes.anywhere(bool(stop)), None
     while iteration < _last_iteration(config) and not stopping:
-        with chunks.timed("program"):
+        with timed(keeper, "program"):
             state, report = advance(state)
-            report = jax.device_get(report)
-        for record in records(config, report, iteration):
-            metrics.write(record)
-            chunks.add(record)
-        reason = watch.verdict(report, iteration)
-        iteration += call_iterations(config)
-        saver.progress.update(progress_update(config, report, iteration))
-        if reason:
-            kept = write_dump(saver.run, jax.device_get(state), report, iteration)
-            raise UserError(f"training diverged: {reason}; {kept}, and the last checkpoint is intact", EXIT_DIVERGED)
-        stopping = bool(stop)  # read once: what stops the loop must also have saved
+            report = processes.on_host(report)
+        before, iteration = iteration, iteration + call_iterations(config)
+        reason = watch.verdict(report, before)
+        stopping = processes.anywhere(bool(stop))  # asked once: what stops the loop must also have saved
         ends_chunk = iteration % config.train.chunk_iterations == 0
-        if ends_chunk or stopping:
-            state_here = jax.device_get(state)
-            metrics.sync()
-            if ends_chunk:
-                chunks.flight = chunks.flight or flight_seconds(config, state)
-                chunks.write(state_here.selfplay)
-            with chunks.timed("saving"):
-                saver.save(state_here)
-    saver.finish()
+        here: Any = processes.on_host(state) if ends_chunk or stopping or reason else None
+        if ends_chunk and not reason:
+            flight = flight or flight_seconds(config, state)
+        with processes.together():
+            if keeper is not None:
+                keeper.write(report, before)
+                keeper.chunks.flight = flight
+                if reason:
+                    keeper.fail(reason, here, report, iteration)
+                if ends_chunk or stopping:
+                    keeper.save(here, ends_chunk)
+    with processes.together():
+        if keeper is not None:
+            keeper.finish()
     return iteration
 
 

@@ -18,7 +18,9 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config import Config
 from dronecombat_jax.learn.ippo import init_learner, learn_from
-from dronecombat_jax.learn.rollout import collect
+from dronecombat_jax.learn.rollout import Policies, collect
+from dronecombat_jax.learn.sharding import along_environments
+from dronecombat_jax.selfplay.mesh import over_seeds
 from dronecombat_jax.selfplay.pool import NOBODY, choose, count_wins, init_selfplay, lose_live, players, save_players
 from dronecombat_jax.types import (
     NUM_AGENTS,
@@ -30,8 +32,6 @@ from dronecombat_jax.types import (
     Transition,
     UpdateMetrics,
 )
-
-SEEDS = "seeds"
 
 
 class Purpose(IntEnum):
@@ -73,7 +73,7 @@ def build_advance(
 
     Leaves of the state are [S, ...], of the metrics [S, iterations, ...]. Not jitted here. Seeds run
     one after the other, so that each one's products stay plain matrix products and its numbers are
-    those it has alone; with a `mesh` (`seed_mesh`) each device runs its share of them.
+    those it has alone; with a `mesh` (`selfplay.mesh`) each row of devices runs its share of them.
     """
     return _for_all_seeds(lambda state: advance_iteration(combat, state), iterations, mesh)
 
@@ -102,15 +102,7 @@ def _for_all_seeds(
         return jax.lax.scan(lambda state, _: one(state), state, None, length=iterations)
 
     all_seeds = lambda state: jax.lax.map(one_seed, state)
-    if mesh is None:
-        return all_seeds
-    seeds = jax.sharding.PartitionSpec(SEEDS)
-    return jax.shard_map(all_seeds, mesh=mesh, in_specs=seeds, out_specs=seeds, check_vma=False)
-
-
-def seed_mesh(devices: int) -> jax.sharding.Mesh:
-    """A mesh of the first `devices` devices, along which the seeds are spread."""
-    return jax.make_mesh((devices,), (SEEDS,), (jax.sharding.AxisType.Auto,), devices=jax.local_devices()[:devices])
+    return all_seeds if mesh is None else over_seeds(all_seeds, mesh)
 
 
 def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, IterationMetrics]:
@@ -195,7 +187,11 @@ def _collect(combat: Combat, state: TrainState) -> tuple[EnvState, Transition]:
     """Fly with those who play in this chunk; a policy for each environment is costly, so live chunks go without."""
     config = combat.config
     noise, spawn = (_key(state.seed, state.iteration, purpose) for purpose in (Purpose.NOISE, Purpose.SPAWN))
-    fly = lambda policies: collect(combat, policies, state.env, noise, spawn)
+
+    def fly(policies: Policies) -> tuple[EnvState, Transition]:
+        env, rollout = collect(combat, policies, along_environments(state.env, axis=0), noise, spawn)
+        return along_environments(env, axis=0), along_environments(rollout, axis=1)
+
     policies = players(config, state.learners, state.selfplay)
     if state.selfplay is None or config.selfplay.scope == "chunk":
         return fly(policies)

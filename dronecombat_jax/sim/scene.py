@@ -102,9 +102,12 @@ def load_scene(sim: SimConfig, path: Path | None = None) -> Scene:
 
 def load_mjx(scene: Scene) -> tuple[Any, Any, Any]:
     """The MJX module, the lean model on the device and its constant data template."""
+    import jax
+
     mjx = import_mjx()
+    here = jax.local_devices()[0]  # left alone, MJX takes the first of all processes
     try:
-        return mjx, mjx.put_model(scene.lean), mjx.make_data(scene.lean)
+        return mjx, mjx.put_model(scene.lean, device=here), mjx.make_data(scene.lean, device=here)
     except NotImplementedError as error:
         raise UserError(f"{scene.path}: MJX cannot step this scene: {_one_line(error)}") from None
 

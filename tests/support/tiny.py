@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -22,11 +23,22 @@ ENVIRONMENT = os.environ | {
 PATIENCE = 300.0  # seconds
 
 
-def train(root: Path, name: str, *flags: str) -> subprocess.Popen[str]:
+def train(root: Path, name: str, *flags: str, environment: dict[str, str] | None = None) -> subprocess.Popen[str]:
     """Begin, or go on with, a run in its own process."""
     command = [sys.executable, "-m", "dronecombat_jax.cli", "train", "--name", name, "--run.directory", str(root)]
     pipe = subprocess.PIPE
-    return subprocess.Popen([*command, *COMMAND, *flags], stdout=pipe, stderr=pipe, text=True, env=ENVIRONMENT)
+    variables = ENVIRONMENT | (environment or {})
+    return subprocess.Popen([*command, *COMMAND, *flags], stdout=pipe, stderr=pipe, text=True, env=variables)
+
+
+def train_together(root: Path, name: str, *flags: str) -> list[subprocess.Popen[str]]:
+    """The same in two processes that meet on this machine."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    together = {"JAX_COORDINATOR_ADDRESS": address, "JAX_NUM_PROCESSES": "2"}
+    each = ("--run.distributed", *flags)
+    return [train(root, name, *each, environment=together | {"JAX_PROCESS_ID": str(index)}) for index in range(2)]
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:

@@ -1,0 +1,60 @@
+"""The toy run on several meshes, in a process of its own: devices are settled when JAX starts. Writes `.npz` files.
+
+    python meshes.py FOLDER
+
+`start.npz`, the state that all begin with; `<seeds>x<environments>.npz`, two seeds after three chunks of S-IPPO, with
+the metrics of all iterations below `curves/`; `flight-<mesh>.npz`, the fights after one rollout of policies that only
+draw noise, and `flight-<mesh>.txt`, that flight's program.
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dronecombat_jax import backend
+
+MESHES = ((1, 1), (2, 1), (1, 2), (1, 4), (2, 2))
+ITERATIONS = 6
+
+
+def main(folder: Path) -> None:
+    """Every mesh in turn."""
+    backend.prepare("cpu", 4)
+    import jax
+    from toy import CONFIG, UNOPTIMISED, Coasting
+
+    from dronecombat_jax.config import SelfPlayConfig
+    from dronecombat_jax.runs.state import flatten
+    from dronecombat_jax.selfplay.chunk import build_advance, build_flight, init_state
+    from dronecombat_jax.selfplay.mesh import device_mesh, jitted, place
+
+    config = replace(
+        CONFIG,
+        # cut inside a time step: 6 x 8 transitions into 4
+        learn=replace(CONFIG.learn, minibatch_order="sequential", minibatches=4),
+        selfplay=SelfPlayConfig(probability=1.0, scope="environment", roles="both"),
+        train=replace(CONFIG.train, num_seeds=2, head_start_steps=0),
+    )
+    combat = Coasting(config)
+    start = jax.device_get(jax.jit(lambda: init_state(combat), compiler_options=UNOPTIMISED)())
+    np.savez(folder / "start.npz", **flatten(start))  # pyright: ignore[reportArgumentType]
+    silent = jax.tree.map(np.zeros_like, start.learners.parameters)
+    drawn = start.replace(learners=start.learners.replace(parameters=silent))
+    for shape in MESHES:
+        mesh = device_mesh(*shape) if shape != (1, 1) else None
+        name = "x".join(map(str, shape))
+        program = jitted(build_advance(combat, ITERATIONS, mesh), start, mesh, compiler_options=UNOPTIMISED)
+        state, report = program(place(start, mesh))
+        curves = {f"curves/{path}": leaf for path, leaf in flatten(report).items()}
+        np.savez(folder / f"{name}.npz", **flatten(state), **curves)  # pyright: ignore[reportArgumentType]
+        fly = jitted(build_flight(combat, 1, mesh), start, mesh, compiler_options=UNOPTIMISED)
+        compiled = fly.lower(place(drawn, mesh)).compile()
+        (folder / f"flight-{name}.txt").write_text(compiled.as_text())
+        flown, _ = compiled(place(drawn, mesh))
+        np.savez(folder / f"flight-{name}.npz", **flatten(flown.env))  # pyright: ignore[reportArgumentType]
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -150,7 +150,7 @@ def _prepare_xla(device: str) -> None:
     if device in PLUGINS:
         return
     if VECTOR_RELEASES[0] <= release < VECTOR_RELEASES[1] and "avx512f" in _cpu()[1].split():
-        _set_flag(VECTOR_FLAG, "512")  # XLA itself stays at 256: learning takes 5 to 7 % longer (docs/tuning.md)
+        _set_flag(VECTOR_FLAG, "512")  # XLA itself stays at 256: learning takes 4 to 7 % longer (docs/tuning.md)
     if release >= (0, 11):
         return
     if DEADLOCK_FLAG not in os.environ.get("XLA_FLAGS", ""):

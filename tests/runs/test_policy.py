@@ -4,6 +4,7 @@ import ast
 import hashlib
 import json
 import math
+import os
 import shutil
 import subprocess
 import sys
@@ -272,7 +273,8 @@ def test_the_file_for_the_robot_stands_alone(tmp_path, path):
         f"print(NumpyPolicy({path.name!r})(np.arange(35.0)).tolist())\n"
         "assert not {'jax', 'dronecombat_jax', 'safetensors'} & set(sys.modules)"
     )
-    result = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env={})
+    kernels = {name: value for name, value in os.environ.items() if name.startswith("OPENBLAS")}  # the same bits
+    result = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=kernels)
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout) == NumpyPolicy(path)(np.arange(35.0)).tolist()
 

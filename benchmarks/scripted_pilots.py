@@ -1,13 +1,12 @@
 """How the scripted pilots fare against each other.
 
-    python benchmarks/scripted_pilots.py [--fights 256] [--seed 0] [--preset paper] [--spawn fixed|uniform]
+    python benchmarks/scripted_pilots.py [--fights 256] [--seed 0] [--preset paper] [--uniform]
 
 Every attacker against every defender from the same starts, in one program. Prints a Markdown table of shares with
 95 % Wilson intervals in per cent; down: the share of fights in which that drone had crashed by the end.
 """
 
 import argparse
-from typing import Literal
 
 from dronecombat_jax import backend
 
@@ -18,13 +17,13 @@ def main() -> None:
     parser.add_argument("--fights", type=int, default=256, help="fights per pair (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the start states (default %(default)s)")
     parser.add_argument("--preset", default="paper", help="whose game (default %(default)s)")
-    parser.add_argument("--spawn", choices=("fixed", "uniform"), default="fixed", help="default %(default)s")
+    parser.add_argument("--uniform", action="store_true", help="start anywhere, whatever the preset says")
     flags = parser.parse_args()
     backend.prepare("cpu")
-    table(flags.fights, flags.seed, flags.preset, flags.spawn)
+    table(flags.fights, flags.seed, flags.preset, flags.uniform)
 
 
-def table(fights: int, seed: int, preset: str, spawn: Literal["fixed", "uniform"]) -> None:
+def table(fights: int, seed: int, preset: str, uniform: bool) -> None:
     """Fight and print."""
     import jax
     import jax.numpy as jnp
@@ -37,7 +36,8 @@ def table(fights: int, seed: int, preset: str, spawn: Literal["fixed", "uniform"
     from dronecombat_jax.runs.evaluation import summary
     from dronecombat_jax.types import ATTACKER, DEFENDER, FightResult
 
-    combat = Combat(settings.load(preset, {"game.spawn": spawn}))
+    anywhere = {"game.spawn": "uniform", "game.spawn_spread": 0.0, "game.defender_spread": 0.0}
+    combat = Combat(settings.load(preset, anywhere if uniform else {}))
     attackers, defenders = list(PILOTS[ATTACKER]), list(PILOTS[DEFENDER])
     pairs = [(attacker, defender) for attacker in attackers for defender in defenders]
     which = np.repeat(np.arange(len(pairs)), fights)
@@ -52,7 +52,9 @@ def table(fights: int, seed: int, preset: str, spawn: Literal["fixed", "uniform"
     result = jax.device_get(match(start))
 
     columns = ("intercept", "reached", "defender down", "attacker down", "time-out", "seconds")
-    print(f"{fights} fights a pair, preset {preset}, seed {seed}, {spawn} starts; shares in % [95 % interval]\n")
+    print(
+        f"{fights} fights a pair, preset {preset}, seed {seed}{', uniform starts' if uniform else ''}; shares in % [95 % interval]\n"
+    )
     print("| attacker | defender | " + " | ".join(columns) + " |")
     print("|---|---|" + "---|" * len(columns))
     for index, names in enumerate(pairs):

@@ -18,6 +18,7 @@ from dronecombat_jax.learn.networks import (
 )
 from dronecombat_jax.learn.normalize import denormalize, init_scaler, normalize, update_scaler
 from dronecombat_jax.learn.rollout import scaled, select
+from dronecombat_jax.learn.sharding import along_environments
 from dronecombat_jax.types import (
     NUM_AGENTS,
     OBSERVATION_SIZE,
@@ -205,7 +206,7 @@ def cut(learn: LearnConfig, batch: Batch, key: jax.Array) -> Batch:
         order = jax.random.permutation(key, size)
         batch = jax.tree.map(lambda leaf: leaf[order], batch)
     pieces = lambda leaf: leaf.reshape(learn.minibatches, -1, *leaf.shape[1:])
-    return jax.tree.map(lambda leaf: jnp.moveaxis(pieces(leaf), 1, -1), batch)
+    return along_environments(jax.tree.map(lambda leaf: jnp.moveaxis(pieces(leaf), 1, -1), batch), axis=-1)
 
 
 def loss(learn: LearnConfig, parameters: Parameters, batch: Batch) -> tuple[jax.Array, tuple]:

@@ -1,6 +1,6 @@
 """Flight: wrench, gyroscopic correction and physics substeps of both drones in MJX.
 
-What does not live here: the MJCF and its indices (`scene`), the rules of the game (`combat`).
+What does not live here: the MJCF and its indices (`scene`), one timestep (`physics`), the rules of the game (`combat`).
 """
 
 from collections.abc import Callable
@@ -9,8 +9,9 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.config import SimConfig
+from dronecombat_jax.sim.physics import build_physics
 from dronecombat_jax.sim.rotation import body_z
-from dronecombat_jax.sim.scene import Scene, load_mjx
+from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import NUM_AGENTS, Drones
 
 Step = Callable[[jax.Array, jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
@@ -22,7 +23,7 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
     The constants of the scene and the choices of `sim` are bound here, once. The action is
     clipped to [-1, 1]; vmap over environments is the caller's.
     """
-    mjx, model, template = load_mjx(scene)
+    advance = build_physics(scene)
     weight = jnp.asarray(scene.weight, jnp.float32)
     inertia = jnp.asarray(scene.inertia, jnp.float32)
     full_thrust = sim.thrust_to_weight * weight
@@ -34,8 +35,8 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
             torque = torque + gyroscopic_correction(drones.rate, moment, inertia, sim.timestep)
         force = thrust[:, None] * body_z(drones.quaternion)
         applied = jnp.concatenate([force, torque], axis=-1).reshape(-1)
-        data = mjx.step(model, template.replace(qpos=qpos, qvel=qvel, qfrc_applied=applied))
-        return data.qpos, limit_rate(data.qvel, sim.max_body_rate)
+        qpos, qvel = advance(qpos, qvel, applied)
+        return qpos, limit_rate(qvel, sim.max_body_rate)
 
     def step(qpos: jax.Array, qvel: jax.Array, action: jax.Array) -> tuple[jax.Array, jax.Array]:
         thrust, moment = wrench(action, full_thrust, sim.moment_scale)

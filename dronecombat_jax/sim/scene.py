@@ -1,19 +1,17 @@
 """MJCF to MuJoCo models, and names to indices, once, at load.
 
 Two models come from one file: the full one for viewers, renderers and C MuJoCo, and a lean one
-(two rigid bodies, nothing else) that MJX steps. Forces and substeps live in `flight`.
+(two rigid bodies, nothing else) that MJX steps. Forces and substeps live in `flight`, MJX in `physics`.
 """
 
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
-from dronecombat_jax.backend import import_mjx
 from dronecombat_jax.config import SimConfig
 from dronecombat_jax.errors import UserError
 
@@ -98,18 +96,6 @@ def load_scene(sim: SimConfig, path: Path | None = None) -> Scene:
         inertia=np.array([full.body_inertia[body] for body in bodies]),
         weight=mass * float(np.linalg.norm(full.opt.gravity)),
     )
-
-
-def load_mjx(scene: Scene) -> tuple[Any, Any, Any]:
-    """The MJX module, the lean model on the device and its constant data template."""
-    import jax
-
-    mjx = import_mjx()
-    here = jax.local_devices()[0]  # left alone, MJX takes the first of all processes
-    try:
-        return mjx, mjx.put_model(scene.lean, device=here), mjx.make_data(scene.lean, device=here)
-    except NotImplementedError as error:
-        raise UserError(f"{scene.path}: MJX cannot step this scene: {_one_line(error)}") from None
 
 
 def _parse_again(path: Path, sim: SimConfig) -> mujoco.MjSpec:

@@ -219,6 +219,13 @@ class TrainConfig:
         low=0,
         high=10**12,
     )
+    start_speed: float = setting(
+        0.0,
+        "exploring starts: in training alone, both drones start with up to this speed along x and along y",
+        unit="m/s",
+        low=0.0,
+        high=20.0,
+    )
     seed: int = setting(0, "first seed", low=0, high=2**31 - 1)
     num_seeds: int = setting(1, "seeds trained side by side: seed, seed + 1, ...", low=1, high=1024)
 

@@ -17,7 +17,8 @@ from dronecombat_jax.types import NUM_AGENTS, Cause, EnvState, StepOutput
 # Start positions of defender, attacker and target in m; the altitudes are drawn.
 START = ((0.0, 5.0), (0.0, 0.0), (5.0, 5.0))
 ARENA_HALF_WIDTH = 5.0
-NUM_DRAWS = 9  # three positions
+POSITION_DRAWS = 9  # three positions
+VELOCITY_DRAWS = 4  # two drones over ground
 
 # A body state beyond this is a diverged simulation: no drone gets there in one episode.
 MAX_COORDINATE = 1e4
@@ -37,7 +38,12 @@ class Combat:
 
     def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """Uniform numbers `[*shape, 9]` in [0, 1), enough to `spawn` that many fights."""
-        return jax.random.uniform(key, (*shape, NUM_DRAWS))
+        return jax.random.uniform(key, (*shape, POSITION_DRAWS))
+
+    def draw_exploring(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+        """The same for `explore`: `[*shape, 13]`, or `[*shape, 9]` where exploring starts are off."""
+        moving = self.config.train.start_speed > 0.0
+        return jax.random.uniform(key, (*shape, POSITION_DRAWS + moving * VELOCITY_DRAWS))
 
     def spawn(self, draws: jax.Array) -> EnvState:
         """A fight about to start, from `draws` [9] in [0, 1).
@@ -62,6 +68,19 @@ class Combat:
             clock=jnp.zeros((), jnp.int32),
             out=jnp.asarray([game.scenario == "solo", False]),
         )
+
+    def explore(self, draws: jax.Array) -> EnvState:
+        """A fight about to start in training, from `draws` of `draw_exploring`.
+
+        Up to `train.start_speed` m/s along x and along y, each drone already moves: exploring starts (Sutton and
+        Barto, section 5.3). The fights that count, in evaluations and tournaments, `spawn` at rest.
+        """
+        state = self.spawn(draws[:POSITION_DRAWS])
+        if self.config.train.start_speed == 0.0:
+            return state
+        over_ground = self.config.train.start_speed * (2.0 * draws[POSITION_DRAWS:].reshape(NUM_AGENTS, 2) - 1.0)
+        over_ground = jnp.where(state.out[:, None], 0.0, over_ground)
+        return state.replace(qvel=state.qvel.reshape(NUM_AGENTS, 6).at[:, :2].set(over_ground).reshape(-1))
 
     def reset(self, key: jax.Array) -> EnvState:
         """A fight about to start, drawn from `key`."""

@@ -29,7 +29,7 @@ def collect(
     num_envs = env.clock.shape[0]
     steps = learn.rollout_steps
     noise = jax.random.normal(noise_key, (steps, num_envs, NUM_AGENTS, ACTION_SIZE))
-    draws = combat.draw(spawn_key, (steps, num_envs))
+    draws = combat.draw_exploring(spawn_key, (steps, num_envs))
 
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
         noise, draw = random
@@ -39,7 +39,7 @@ def collect(
         done = output.terminated | output.truncated
         following = jax.tree.map(
             lambda new, old: jnp.where(done.reshape(-1, *[1] * (new.ndim - 1)), new, old),
-            jax.vmap(combat.spawn)(draw),
+            jax.vmap(combat.explore)(draw),
             after,
         )
         return following, _transition(observation, action, log_prob, output, after)

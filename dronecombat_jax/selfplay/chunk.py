@@ -175,8 +175,8 @@ def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvSt
     """N fights about to start; their clocks are drawn so that time-outs do not come in waves."""
     config = combat.config
     num_envs = config.train.num_envs
-    draws = combat.draw(_key(seed, iteration, Purpose.RESET), (num_envs,))
-    env = jax.vmap(combat.spawn)(draws)
+    draws = combat.draw_exploring(_key(seed, iteration, Purpose.RESET), (num_envs,))
+    env = jax.vmap(combat.explore)(draws)
     if not config.game.random_clock:
         return env
     key = _key(seed, iteration, Purpose.CLOCK)

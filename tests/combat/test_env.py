@@ -9,7 +9,7 @@ import pytest
 from jax.errors import KeyReuseError
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import Config, GameConfig
+from dronecombat_jax.config import Config, GameConfig, TrainConfig
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, EnvState
 
 
@@ -120,6 +120,32 @@ def test_start_is_the_papers(thousand: dict[str, EnvState]):
     for leaf, expected in ((state.qpos[:, 3:7], [1, 0, 0, 0]), (state.qpos[:, 10:], [1, 0, 0, 0]), (state.qvel, 0)):
         np.testing.assert_array_equal(leaf, np.broadcast_to(expected, leaf.shape))
     assert not np.any(state.clock) and not np.any(state.out)
+
+
+def test_exploring_starts_move_over_ground_and_change_nothing_else(arena: SimpleNamespace):
+    """In training alone: `spawn`, by which evaluations and tournaments start, stays at rest."""
+    train = TrainConfig(start_speed=4.0)
+    combat = Combat(Config(train=train), arena.combat.scene)
+    draws = combat.draw_exploring(jax.random.key(5), (1000,))
+    moving, at_rest = jax.vmap(combat.explore)(draws), jax.vmap(combat.spawn)(draws[:, :9])
+    velocity = np.asarray(moving.qvel).reshape(1000, 2, 2, 3)
+    assert_uniform(velocity[:, :, 0, :2].reshape(1000, 4), -4.0, 4.0)
+    assert not np.any(velocity[:, :, 0, 2]) and not np.any(velocity[:, :, 1])
+    jax.tree.map(np.testing.assert_array_equal, moving.replace(qvel=at_rest.qvel), at_rest)
+    assert not np.any(at_rest.qvel)
+
+    solo = Combat(Config(game=GameConfig(scenario="solo"), train=train), arena.combat.scene)
+    alone = jax.vmap(solo.explore)(draws)  # the absent defender stands still
+    np.testing.assert_array_equal(alone.qvel, moving.qvel.at[:, :6].set(0.0))
+
+
+def test_without_start_speed_training_starts_as_the_game_does(arena: SimpleNamespace):
+    key = jax.random.key(5)
+    draws = arena.combat.draw_exploring(key, (8,))
+    np.testing.assert_array_equal(draws, arena.combat.draw(key, (8,)))
+    jax.tree.map(
+        np.testing.assert_array_equal, jax.vmap(arena.combat.explore)(draws), jax.vmap(arena.combat.spawn)(draws)
+    )
 
 
 def test_uniform_start_fills_the_arena(thousand: dict[str, EnvState]):

@@ -43,6 +43,8 @@ class Probe:
             qpos=x, qvel=jnp.zeros(1), target=jnp.zeros(3), clock=jnp.zeros((), jnp.int32), out=jnp.zeros(2, bool)
         )
 
+    draw_exploring, explore = draw, spawn
+
     def observe(self, state: EnvState) -> jax.Array:
         clock = jnp.where(self.task.truncates, 0, state.clock)  # else a final observation was never trained on
         row = jnp.concatenate([state.qpos, clock.astype(jnp.float32)[None], jnp.zeros(33)])

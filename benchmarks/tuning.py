@@ -1,6 +1,6 @@
 """What the hot path is made of, and its alternatives: the numbers of docs/tuning.md.
 
-    taskset -c 1 python -m benchmarks.tuning products | update | values | physics
+    taskset -c 1 python -m benchmarks.tuning products | update | values | physics | environment
 
 One core. Seconds are CPU time of this process, so that what else the machine does costs caches and clock but is not
 counted; the alternatives take turns, and the best turn of each counts. Set XLA_FLAGS to compare flags.
@@ -124,15 +124,21 @@ def values() -> None:
 
 
 def physics(repeat: int = 100) -> None:
-    """What MJX's stages add to one physics step of the lean model, in us per environment; everything up to each stage."""
+    """One physics step of the lean model, by `mjx.step` and as we fly it, and what the stages of `mjx.step` add to each other.
+
+    In us per environment.
+    """
     import jax
     import jax.numpy as jnp
     from mujoco.mjx._src import forward, smooth, support
 
     from dronecombat_jax.config import SimConfig
-    from dronecombat_jax.sim.scene import load_mjx, load_scene
+    from dronecombat_jax.sim.physics import build_physics, load_mjx
+    from dronecombat_jax.sim.scene import load_scene
 
-    _, model, template = load_mjx(load_scene(SimConfig()))
+    scene = load_scene(SimConfig())
+    mjx, model, template = load_mjx(scene)
+    advance = build_physics(scene)
     level = jnp.asarray([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0] * 2)
     qpos, qvel = level + 0.1 * normal(ENVS, 14), normal(ENVS, 12)
     stages = {
@@ -147,32 +153,66 @@ def physics(repeat: int = 100) -> None:
         "euler": lambda d: forward.euler(model, d),
     }
 
-    def chained(count: int) -> Callable[[], Any]:
+    def start(qpos: Any, qvel: Any) -> Any:
+        return template.replace(qpos=qpos, qvel=qvel, qfrc_applied=0.001 * qvel)
+
+    def whole(qpos: Any, qvel: Any) -> tuple[Any, Any]:
+        data = mjx.step(model, start(qpos, qvel))
+        return data.qpos, data.qvel
+
+    def chained(count: int) -> Callable[[Any, Any], Any]:
         def stage(qpos: Any, qvel: Any) -> Any:
-            data = template.replace(qpos=qpos, qvel=qvel, qfrc_applied=0.001 * qvel)
+            data = start(qpos, qvel)
             for call in list(stages.values())[:count]:
                 data = call(data)
             return jax.tree.map(lambda new, old: new if new is not old else None, data, template)
 
+        return stage
+
+    def repeated(step: Callable[[Any, Any], Any]) -> Callable[[], Any]:
         def loop(qpos: Any, qvel: Any) -> Any:
             def again(carry: Any, _: None) -> tuple[Any, None]:
-                out = jax.vmap(stage)(qpos + carry[0], qvel)  # the carry keeps XLA from doing it once
-                return (1e-20 * out.qpos[0, 0], out), None
+                out = jax.vmap(step)(qpos + carry[0], qvel + carry[0])  # the carry keeps XLA from doing it once
+                return (1e-20 * jax.tree.leaves(out)[0].ravel()[0], out), None
 
-            first = (jnp.float32(0.0), jax.vmap(stage)(qpos, qvel))
+            first = (jnp.float32(0.0), jax.vmap(step)(qpos, qvel))
             return jax.lax.scan(again, first, None, length=repeat)[0]
 
         program = jax.jit(loop).lower(qpos, qvel).compile()
         return lambda: program(qpos, qvel)
 
-    seconds = race({name: chained(i + 1) for i, name in enumerate(stages)}, 4)
-    for name, spent in seconds.items():
-        print(f"up to {name:<16} {1e6 * spent / repeat / ENVS:.3f} us")
+    steps = {"mjx.step": whole, "sim/physics.py": lambda qpos, qvel: advance(qpos, qvel, 0.001 * qvel)}
+    steps |= {f"up to {name}": chained(i + 1) for i, name in enumerate(stages)}
+    for name, spent in race({name: repeated(step) for name, step in steps.items()}, 4).items():
+        print(f"{name:<22} {1e6 * spent / repeat / ENVS:.3f} us")
+
+
+def environment() -> None:
+    """The environment's step and the two substeps in it, each with its random numbers, in us per environment step."""
+    import jax
+
+    from benchmarks import stepping
+    from benchmarks.size import Size
+    from dronecombat_jax.combat.env import Combat
+
+    size, key = Size(), jax.random.key(0)
+    combat, programs = Combat(size.config()), {}
+    for build in (stepping.environment, stepping.physics):
+        program = jax.jit(build(combat, size)).lower(key).compile()
+        programs[build.__name__] = lambda program=program: program(key)
+    for name, spent in race(programs).items():
+        print(f"{name:<14} {1e6 * spent / size.flown_steps / size.num_envs:.3f} us")
 
 
 def main() -> None:
-    """Run one of the four."""
-    parts = {"products": products, "update": update, "values": values, "physics": physics}
+    """Run one of them."""
+    parts = {
+        "products": products,
+        "update": update,
+        "values": values,
+        "physics": physics,
+        "environment": environment,
+    }
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=parts)
     chosen = parser.parse_args().part

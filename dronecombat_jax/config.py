@@ -219,6 +219,12 @@ class TrainConfig:
         low=0,
         high=10**12,
     )
+    solo_share: float = setting(
+        0.0,
+        "share of the environments in which the attacker flies alone; they teach the attacker only, and are not counted",
+        low=0.0,
+        high=0.9,
+    )
     start_speed: float = setting(
         0.0,
         "exploring starts: in training alone, both drones start with up to this speed along x and along y",
@@ -282,6 +288,11 @@ class Config:
     def steps_per_chunk(self) -> int:
         """Environment steps of one chunk, per seed."""
         return self.steps_per_iteration * self.train.chunk_iterations
+
+    @property
+    def solo_envs(self) -> int:
+        """Environments in which the attacker flies alone: the first ones."""
+        return round(self.train.solo_share * self.train.num_envs)
 
     @property
     def num_chunks(self) -> int:

@@ -32,7 +32,7 @@ class Problem(NamedTuple):
 
 def problems(config: Config) -> list[Problem]:
     """All rules that `config` breaks, on any machine; an empty list where it is sound."""
-    return [*_game(config), *_learning(config), *_selfplay(config), *_run(config)]
+    return [*_game(config), *_learning(config), *_selfplay(config), *_training(config), *_run(config)]
 
 
 def memory_problems(config: Config) -> list[Problem]:
@@ -120,6 +120,14 @@ def _learning(config: Config) -> Iterator[Problem]:
             f"train.num_envs * learn.rollout_steps = {config.train.num_envs} * {learn.rollout_steps} = {batch} must be a "
             f"multiple of learn.minibatches = {learn.minibatches}; nearest that fit: {_nearest_batches(config)}",
         )
+    together = batch - config.solo_envs * learn.rollout_steps
+    if batch % learn.minibatches == 0 and (together == 0 or together % learn.minibatches):
+        yield Problem(
+            ("train.solo_share", "learn.minibatches", "train.num_envs", "learn.rollout_steps"),
+            f"train.solo_share = {config.train.solo_share:g} leaves the defender {config.train.num_envs - config.solo_envs} "
+            f"environments and {together} steps a rollout, which must be a multiple of learn.minibatches = "
+            f"{learn.minibatches}",
+        )
     low, start, high = learn.min_learning_rate, learn.learning_rate, learn.max_learning_rate
     if low > high or (learn.learning_rate_schedule == "kl" and not low <= start <= high):
         yield Problem(
@@ -142,6 +150,15 @@ def _selfplay(config: Config) -> Iterator[Problem]:
         yield Problem(
             ("selfplay.probability", "game.scenario"),
             f'selfplay.probability = {probability:g} needs game.scenario = "duel": in "solo" nobody learns to meet the attacker',
+        )
+
+
+def _training(config: Config) -> Iterator[Problem]:
+    share = config.train.solo_share
+    if share > 0.0 and config.game.scenario == "solo":
+        yield Problem(
+            ("train.solo_share", "game.scenario"),
+            f'train.solo_share = {share:g} needs game.scenario = "duel": in "solo" the attacker flies alone everywhere',
         )
 
 
@@ -189,21 +206,23 @@ def uneven_devices(config: Config, devices: int) -> str:
     """Why `devices` cannot share the work evenly, with the numbers that can; "" where they do."""
     seeds, envs = config.train.num_seeds, config.train.num_envs
     minibatch = config.steps_per_iteration // config.learn.minibatches
+    defenders = (envs - config.solo_envs) * config.learn.rollout_steps // config.learn.minibatches
 
     def fits(devices: int) -> bool:
         _, each = mesh_shape(seeds, devices, devices)
-        return envs % each == 0 and minibatch % each == 0
+        return envs % each == 0 and minibatch % each == 0 and defenders % each == 0
 
     if fits(devices):
         return ""
     shared, each = mesh_shape(seeds, devices, devices)
+    batches = f"{minibatch}" if defenders == minibatch else f"{minibatch} (the defender's: {defenders})"
     counts = [str(count) for count in range(1, MAX_DEVICES + 1) if fits(count)]
     near = [count for count in counts if int(count) < devices][-2:] + [
         count for count in counts if int(count) > devices
     ][:2]
     return (
         f"run.devices = {devices}: {shared} for the seeds (train.num_seeds = {seeds}) leave {each} for the environments "
-        f"of each, which must divide train.num_envs = {envs} and a mini-batch of {minibatch}; nearest that fit: {', '.join(near)}"
+        f"of each, which must divide train.num_envs = {envs} and a mini-batch of {batches}; nearest that fit: {', '.join(near)}"
     )
 
 

@@ -351,6 +351,10 @@ def test_windows_line_ends_are_fine(toml):
         ({"game.crash_altitude": 0.5}, "--game.crash-altitude: ", "must be below game.spawn_altitude_low = 0.5"),
         ({"game.spawn": "uniform", "game.spawn_spread": 1.0}, "--game.spawn: ", "spawn_spread = 1 widens fixed starts"),
         ({"game.spawn": "uniform", "game.defender_spread": 2.0}, "--game.spawn: ", "defender_spread = 2 widens"),
+        ({"game.scenario": "solo", "train.solo_share": 0.2}, "--train.solo-share: ", 'needs game.scenario = "duel"'),
+        # 8 environments, one of them for the attacker alone: 7 * 24 = 168 steps
+        ({"train.num_envs": 8, "learn.minibatches": 64, "train.solo_share": 0.1}, "--train.solo-share: ", "7 environments and 168 steps"),
+        ({"train.num_envs": 1, "train.solo_share": 0.6}, "--train.solo-share: ", "0 environments and 0 steps"),
         ({"learn.min_learning_rate": 0.1}, "--learn.min-learning-rate: ", "0.1, 0.0003, 0.01"),
         ({"learn.learning_rate": 0.1}, "--learn.learning-rate: ", "must hold"),
         ({"learn.min_log_std": 1.0}, "--learn.min-log-std: ", "must hold, but they are 1, 0, 2"),

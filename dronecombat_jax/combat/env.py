@@ -69,13 +69,14 @@ class Combat:
             out=jnp.asarray([game.scenario == "solo", False]),
         )
 
-    def explore(self, draws: jax.Array) -> EnvState:
-        """A fight about to start in training, from `draws` of `draw_exploring`.
+    def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
+        """A fight about to start in training, from `draws` of `draw_exploring`; `alone` [] bool: the defender is absent.
 
         Up to `train.start_speed` m/s along x and along y, each drone already moves: exploring starts (Sutton and
         Barto, section 5.3). The fights that count, in evaluations and tournaments, `spawn` at rest.
         """
         state = self.spawn(draws[:POSITION_DRAWS])
+        state = state.replace(out=state.out | jnp.stack([alone, jnp.zeros((), bool)]))
         if self.config.train.start_speed == 0.0:
             return state
         over_ground = self.config.train.start_speed * (2.0 * draws[POSITION_DRAWS:].reshape(NUM_AGENTS, 2) - 1.0)

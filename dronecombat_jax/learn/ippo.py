@@ -20,6 +20,7 @@ from dronecombat_jax.learn.normalize import denormalize, init_scaler, normalize,
 from dronecombat_jax.learn.rollout import scaled, select
 from dronecombat_jax.learn.sharding import along_environments
 from dronecombat_jax.types import (
+    DEFENDER,
     NUM_AGENTS,
     OBSERVATION_SIZE,
     Batch,
@@ -48,17 +49,29 @@ def init_learner(key: jax.Array, learn: LearnConfig) -> Learner:
 
 
 def learn_from(
-    learn: LearnConfig, learners: Learner, rollout: Transition, key: jax.Array, learning: jax.Array
+    learn: LearnConfig,
+    learners: Learner,
+    rollout: Transition,
+    key: jax.Array,
+    learning: jax.Array,
+    solo_envs: int = 0,
 ) -> tuple[Learner, UpdateMetrics]:
     """Update each agent that is `learning` [A] bool on its own part of the rollout; leaves [A, ...].
 
-    An agent that does not learn keeps every bit of its state. One that learns must have flown itself.
+    An agent that does not learn keeps every bit of its state. One that learns must have flown itself; in the
+    first `solo_envs` environments the defender has not.
     """
     results = []
     for agent in range(NUM_AGENTS):
         shuffle_key = jax.random.fold_in(key, agent)
-        results.append(_update_if(learning[agent], learn, select(learners, agent), rollout, agent, shuffle_key))
+        own = without(solo_envs, rollout) if agent == DEFENDER else rollout
+        results.append(_update_if(learning[agent], learn, select(learners, agent), own, agent, shuffle_key))
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *results)
+
+
+def without(solo_envs: int, rollout: Transition) -> Transition:
+    """The environments of `rollout` [T, N, ...] in which both fly: all but the first `solo_envs`."""
+    return jax.tree.map(lambda leaf: leaf[:, solo_envs:], rollout) if solo_envs else rollout
 
 
 def _update_if(

@@ -27,6 +27,7 @@ def collect(
     """
     learn = combat.config.learn
     num_envs = env.clock.shape[0]
+    alone = jnp.arange(num_envs) < combat.config.solo_envs
     steps = learn.rollout_steps
     noise = jax.random.normal(noise_key, (steps, num_envs, NUM_AGENTS, ACTION_SIZE))
     draws = combat.draw_exploring(spawn_key, (steps, num_envs))
@@ -39,7 +40,7 @@ def collect(
         done = output.terminated | output.truncated
         following = jax.tree.map(
             lambda new, old: jnp.where(done.reshape(-1, *[1] * (new.ndim - 1)), new, old),
-            jax.vmap(combat.explore)(draw),
+            jax.vmap(combat.explore)(draw, alone),
             after,
         )
         return following, _transition(observation, action, log_prob, output, after)

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config import Config
-from dronecombat_jax.learn.ippo import init_learner, learn_from
+from dronecombat_jax.learn.ippo import init_learner, learn_from, without
 from dronecombat_jax.learn.rollout import Policies, collect
 from dronecombat_jax.learn.sharding import along_environments
 from dronecombat_jax.selfplay.mesh import over_seeds
@@ -114,12 +114,13 @@ def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, It
     learning = jnp.stack([~waits(config, state.iteration), jnp.ones((), bool)])
     if state.selfplay is not None:
         learning &= jnp.arange(NUM_AGENTS) != state.selfplay.frozen
-    learners, updates = learn_from(config.learn, state.learners, rollout, shuffle, learning)
+    learners, updates = learn_from(config.learn, state.learners, rollout, shuffle, learning, config.solo_envs)
     selfplay = state.selfplay
     if selfplay is not None:
         outcomes = jnp.asarray(outcome_table(config.game))[rollout.cause]
-        selfplay = count_wins(selfplay, outcomes, rollout.terminated | rollout.truncated)
-    metrics = summarize(config, rollout, updates, selfplay)
+        together = jnp.arange(config.train.num_envs) >= config.solo_envs
+        selfplay = count_wins(selfplay, outcomes, (rollout.terminated | rollout.truncated) & together)
+    metrics = summarize(config, without(config.solo_envs, rollout), updates, selfplay)
     return state.replace(learners=learners, env=env, iteration=state.iteration + 1, selfplay=selfplay), metrics
 
 
@@ -154,7 +155,7 @@ def waits(config: Config, iteration: jax.Array) -> jax.Array:
 def summarize(
     config: Config, rollout: Transition, learners: UpdateMetrics, selfplay: SelfPlay | None
 ) -> IterationMetrics:
-    """Count what happened in a rollout; an absent defender has not crashed."""
+    """Count what happened in a `rollout` of those that fly together; an absent defender has not crashed."""
     done = rollout.terminated | rollout.truncated
     down = rollout.out & ~jnp.asarray([config.game.scenario == "solo", False])
     causes = jnp.sum(jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * done[..., None], axis=(0, 1))
@@ -176,7 +177,7 @@ def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvSt
     config = combat.config
     num_envs = config.train.num_envs
     draws = combat.draw_exploring(_key(seed, iteration, Purpose.RESET), (num_envs,))
-    env = jax.vmap(combat.explore)(draws)
+    env = jax.vmap(combat.explore)(draws, jnp.arange(num_envs) < config.solo_envs)
     if not config.game.random_clock:
         return env
     key = _key(seed, iteration, Purpose.CLOCK)

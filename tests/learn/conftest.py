@@ -43,7 +43,11 @@ class Probe:
             qpos=x, qvel=jnp.zeros(1), target=jnp.zeros(3), clock=jnp.zeros((), jnp.int32), out=jnp.zeros(2, bool)
         )
 
-    draw_exploring, explore = draw, spawn
+    draw_exploring = draw
+
+    def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
+        state = self.spawn(draws)
+        return state.replace(out=state.out.at[0].set(alone))
 
     def observe(self, state: EnvState) -> jax.Array:
         clock = jnp.where(self.task.truncates, 0, state.clock)  # else a final observation was never trained on

@@ -32,10 +32,10 @@ def main(folder: Path) -> None:
 
     config = replace(
         CONFIG,
-        # cut inside a time step: 6 x 8 transitions into 4
+        # cut inside a time step: 6 x 16 transitions into 4, the defender's 6 x 8 too
         learn=replace(CONFIG.learn, minibatch_order="sequential", minibatches=4),
         selfplay=SelfPlayConfig(probability=1.0, scope="environment", roles="both"),
-        train=replace(CONFIG.train, num_seeds=2, head_start_steps=0),
+        train=replace(CONFIG.train, num_seeds=2, num_envs=16, solo_share=0.5, head_start_steps=0),
     )
     combat = Coasting(config)
     start = jax.device_get(jax.jit(lambda: init_state(combat), compiler_options=UNOPTIMISED)())

@@ -12,6 +12,8 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config import Config, GameConfig, TrainConfig
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, EnvState
 
+NEVER = np.zeros(1000, bool)  # alone
+
 
 @pytest.mark.parametrize(
     "game",
@@ -126,8 +128,8 @@ def test_exploring_starts_move_over_ground_and_change_nothing_else(arena: Simple
     """In training alone: `spawn`, by which evaluations and tournaments start, stays at rest."""
     train = TrainConfig(start_speed=4.0)
     combat = Combat(Config(train=train), arena.combat.scene)
-    draws = combat.draw_exploring(jax.random.key(5), (1000,))
-    moving, at_rest = jax.vmap(combat.explore)(draws), jax.vmap(combat.spawn)(draws[:, :9])
+    draws = combat.draw_exploring(jax.random.key(5), (len(NEVER),))
+    moving, at_rest = jax.vmap(combat.explore)(draws, NEVER), jax.vmap(combat.spawn)(draws[:, :9])
     velocity = np.asarray(moving.qvel).reshape(1000, 2, 2, 3)
     assert_uniform(velocity[:, :, 0, :2].reshape(1000, 4), -4.0, 4.0)
     assert not np.any(velocity[:, :, 0, 2]) and not np.any(velocity[:, :, 1])
@@ -135,7 +137,7 @@ def test_exploring_starts_move_over_ground_and_change_nothing_else(arena: Simple
     assert not np.any(at_rest.qvel)
 
     solo = Combat(Config(game=GameConfig(scenario="solo"), train=train), arena.combat.scene)
-    alone = jax.vmap(solo.explore)(draws)  # the absent defender stands still
+    alone = jax.vmap(solo.explore)(draws, NEVER)  # the absent defender stands still
     np.testing.assert_array_equal(alone.qvel, moving.qvel.at[:, :6].set(0.0))
 
 
@@ -144,7 +146,9 @@ def test_without_start_speed_training_starts_as_the_game_does(arena: SimpleNames
     draws = arena.combat.draw_exploring(key, (8,))
     np.testing.assert_array_equal(draws, arena.combat.draw(key, (8,)))
     jax.tree.map(
-        np.testing.assert_array_equal, jax.vmap(arena.combat.explore)(draws), jax.vmap(arena.combat.spawn)(draws)
+        np.testing.assert_array_equal,
+        jax.vmap(arena.combat.explore)(draws, NEVER[:8]),
+        jax.vmap(arena.combat.spawn)(draws),
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from dronecombat_jax.config import Config, LearnConfig, SelfPlayConfig, TrainConfig
+from dronecombat_jax.config import Config, LearnConfig, RunConfig, SelfPlayConfig, TrainConfig
 
 OBSERVATION_SIZE, ACTION_SIZE = 35, 4
 
@@ -30,6 +30,8 @@ class Size:
     product_gflop: float = 3.0  # in one timed block of products
     triad_floats: int = 2**24  # of each of three arrays; together well beyond any cache
     triad_passes: int = 10
+    device: Literal["auto", "cpu", "gpu", "tpu"] = "cpu"
+    seeds_at_once: int = 0  # of training: `run.seeds_at_once`
 
     def config(self, num_seeds: int = 1, probability: float = 0.0, scope: Scope = "chunk") -> Config:
         """The package's defaults, the paper's reading, at this size."""
@@ -44,6 +46,7 @@ class Size:
             ),
             train=replace(train, total_steps=steps),
             selfplay=SelfPlayConfig(probability=probability, scope=scope),
+            run=RunConfig(device=self.device, seeds_at_once=self.seeds_at_once),
         )
 
     @property

@@ -15,7 +15,7 @@ def stepping(size: Size, per_core: bool) -> Part:
     from dronecombat_jax import backend
 
     devices = backend.cores() if per_core else 1
-    backend.prepare("cpu", devices)
+    backend.prepare(size.device, devices)
     import jax
 
     from benchmarks.compiling import add, place, spread
@@ -23,7 +23,7 @@ def stepping(size: Size, per_core: bool) -> Part:
 
     mesh = jax.make_mesh((devices,), ("devices",), (jax.sharding.AxisType.Auto,)) if devices > 1 else None
     combat = Combat(size.config())
-    part = Part(facts={"devices": devices, "num_envs": size.num_envs})
+    part = Part(facts={"devices": devices, "kind": jax.devices()[0].device_kind, "num_envs": size.num_envs})
     work = devices * size.num_envs * size.flown_steps
     keys = place(jax.random.split(jax.random.key(0), devices), mesh)
     for name, build in (("environment", environment), ("physics", physics), ("plain data", plain_data)):

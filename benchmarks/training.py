@@ -44,7 +44,8 @@ def iteration(size: Size, num_seeds: int | None = None) -> Part:
     from dronecombat_jax.selfplay.chunk import build_advance, init_state
 
     combat, mesh = Combat(config), seed_devices(config)
-    part = Part(facts={"devices": devices, "num_seeds": config.train.num_seeds})
+    kind = jax.devices()[0].device_kind
+    part = Part(facts={"devices": devices, "kind": kind, "num_seeds": config.train.num_seeds})
     state = [place(jax.jit(lambda: init_state(combat))(), mesh)]
     advance = compile_timed(part, "iteration", build_advance(combat, 1, mesh), state[0], donate=(0,))
 
@@ -148,5 +149,5 @@ def _prepare(config: Any) -> int:
     from dronecombat_jax.preflight import spread
 
     devices = spread(config.train.num_seeds, config.run.devices, backend.cores())
-    backend.prepare("cpu", devices)
+    backend.prepare(config.run.device, devices)
     return devices

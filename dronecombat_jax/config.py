@@ -250,6 +250,9 @@ class RunConfig:
         low=0,
         high=1024,
     )
+    seeds_at_once: int = setting(
+        0, "seeds that a device trains side by side (0: on a CPU one after the other, elsewhere all)", low=0, high=10**6
+    )
     distributed: bool = setting(False, "train in several processes on all their devices (docs/scaling.md)")
     join_seconds: float = setting(
         300.0, "how long a process waits for the others at the start", unit="s", low=1.0, high=86_400.0

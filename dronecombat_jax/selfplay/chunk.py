@@ -71,11 +71,12 @@ def build_advance(
 ) -> Callable[[TrainState], tuple[TrainState, IterationMetrics]]:
     """Return `advance(state) -> (state, metrics)`: `iterations` iterations for every seed.
 
-    Leaves of the state are [S, ...], of the metrics [S, iterations, ...]. Not jitted here. Seeds run
+    Leaves of the state are [S, ...], of the metrics [S, iterations, ...]. Not jitted here. On a CPU seeds run
     one after the other, so that each one's products stay plain matrix products and its numbers are
-    those it has alone; with a `mesh` (`selfplay.mesh`) each row of devices runs its share of them.
+    those it has alone; elsewhere they run side by side, since one alone cannot fill such a device, and agree with
+    that to float order (`run.seeds_at_once`). With a `mesh` (`selfplay.mesh`) each row of devices runs its share.
     """
-    return _for_all_seeds(lambda state: advance_iteration(combat, state), iterations, mesh)
+    return _for_all_seeds(combat.config, lambda state: advance_iteration(combat, state), iterations, mesh)
 
 
 def build_flight(
@@ -90,18 +91,26 @@ def build_flight(
         env, rollout = _collect(combat, state)
         return state.replace(env=env, iteration=state.iteration + 1), jax.tree.map(jnp.sum, rollout)
 
-    return _for_all_seeds(fly, iterations, mesh)
+    return _for_all_seeds(combat.config, fly, iterations, mesh)
 
 
 def _for_all_seeds(
-    one: Callable[[TrainState], tuple[TrainState, Any]], iterations: int, mesh: jax.sharding.Mesh | None
+    config: Config,
+    one: Callable[[TrainState], tuple[TrainState, Any]],
+    iterations: int,
+    mesh: jax.sharding.Mesh | None,
 ) -> Callable[[TrainState], tuple[TrainState, Any]]:
     """`one` iteration of one seed, `iterations` times for every seed [S, ...]."""
 
     def one_seed(state: TrainState) -> tuple[TrainState, Any]:
         return jax.lax.scan(lambda state, _: one(state), state, None, length=iterations)
 
-    all_seeds = lambda state: jax.lax.map(one_seed, state)
+    at_once = config.run.seeds_at_once or (1 if jax.default_backend() == "cpu" else config.train.num_seeds)
+
+    def all_seeds(state: TrainState) -> tuple[TrainState, Any]:
+        batch = min(at_once, state.seed.shape[0])
+        return jax.lax.map(one_seed, state, batch_size=batch if batch > 1 else None)
+
     return all_seeds if mesh is None else over_seeds(all_seeds, mesh)
 
 

@@ -23,6 +23,7 @@ def build_physics(scene: Scene) -> Physics:
     """Return `advance(qpos [14], qvel [12], force [12]) -> (qpos, qvel)`, one timestep of the lean model.
 
     `force` is MuJoCo's `qfrc_applied`: N in the world frame and N m in the body frame, drone by drone.
+    Its small products are float32 whatever `run.matmul_precision` lets the networks do.
     """
     mjx, model, level = load_mjx(scene)
 
@@ -45,7 +46,13 @@ def build_physics(scene: Scene) -> Physics:
         data = mjx.step(model, level.replace(qpos=qpos, qvel=qvel, qfrc_applied=force))
         return data.qpos, data.qvel
 
-    return advance if is_simple(scene.lean) else advance_whole
+    chosen = advance if is_simple(scene.lean) else advance_whole
+
+    def precise(qpos: jax.Array, qvel: jax.Array, force: jax.Array) -> tuple[jax.Array, jax.Array]:
+        with jax.default_matmul_precision("float32"):
+            return chosen(qpos, qvel, force)
+
+    return precise
 
 
 def is_simple(model: mujoco.MjModel) -> bool:

@@ -3,8 +3,9 @@
     python meshes.py FOLDER
 
 `start.npz`, the state that all begin with; `<seeds>x<environments>.npz`, two seeds after three chunks of S-IPPO, with
-the metrics of all iterations below `curves/`; `flight-<mesh>.npz`, the fights after one rollout of policies that only
-draw noise, and `flight-<mesh>.txt`, that flight's program.
+the metrics of all iterations below `curves/`, and `together-<mesh>.npz`, the same with both seeds side by side;
+`flight-<mesh>.npz`, the fights after one rollout of policies that only draw noise, and `flight-<mesh>.txt`, that
+flight's program.
 """
 
 import sys
@@ -16,6 +17,7 @@ import numpy as np
 from dronecombat_jax import backend
 
 MESHES = ((1, 1), (2, 1), (1, 2), (1, 4), (2, 2))
+TOGETHER = ((1, 1), (1, 2))
 ITERATIONS = 6
 
 
@@ -42,13 +44,20 @@ def main(folder: Path) -> None:
     np.savez(folder / "start.npz", **flatten(start))  # pyright: ignore[reportArgumentType]
     silent = jax.tree.map(np.zeros_like, start.learners.parameters)
     drawn = start.replace(learners=start.learners.replace(parameters=silent))
-    for shape in MESHES:
-        mesh = device_mesh(*shape) if shape != (1, 1) else None
-        name = "x".join(map(str, shape))
+    together = Coasting(replace(config, run=replace(config.run, seeds_at_once=2)))
+
+    def save_run(name: str, combat: Coasting, mesh: jax.sharding.Mesh | None) -> None:
         program = jitted(build_advance(combat, ITERATIONS, mesh), start, mesh, compiler_options=UNOPTIMISED)
         state, report = program(place(start, mesh))
         curves = {f"curves/{path}": leaf for path, leaf in flatten(report).items()}
         np.savez(folder / f"{name}.npz", **flatten(state), **curves)  # pyright: ignore[reportArgumentType]
+
+    for shape in MESHES:
+        mesh = device_mesh(*shape) if shape != (1, 1) else None
+        name = "x".join(map(str, shape))
+        save_run(name, combat, mesh)
+        if shape in TOGETHER:
+            save_run(f"together-{name}", together, mesh)
         fly = jitted(build_flight(combat, 1, mesh), start, mesh, compiler_options=UNOPTIMISED)
         compiled = fly.lower(place(drawn, mesh)).compile()
         (folder / f"flight-{name}.txt").write_text(compiled.as_text())

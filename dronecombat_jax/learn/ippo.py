@@ -81,8 +81,8 @@ def _update_if(
         return update_learner(learn, learner, rollout, agent, key)
 
     def skip(learner: Learner) -> tuple[Learner, UpdateMetrics]:
-        _, metrics = jax.eval_shape(update, learner)
-        return learner, jax.tree.map(jnp.zeros_like, metrics)
+        blank = dict.fromkeys(UpdateMetrics._fields, jnp.zeros(()))
+        return learner, UpdateMetrics(**blank | {"skipped": jnp.zeros((), jnp.int32)})
 
     return jax.lax.cond(learning, update, skip, learner)
 

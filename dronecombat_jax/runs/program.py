@@ -12,11 +12,19 @@ if TYPE_CHECKING:
 
 # A program call is a few iterations: short enough to answer a signal within seconds on a laptop.
 MAX_CALL_ITERATIONS = 5
+LONG_ITERATION = 10_000  # environment steps of a seed: on a CPU half a second or more, and a call of its own
 LONGEST_CALL_ITERATIONS = 15  # rather than single iterations, whose calls a fast device would wait for
 
 
 def call_iterations(config: Config) -> int:
-    """Iterations per program call: the largest divisor of a chunk up to 5; above 5 where that would be 1 or 2."""
+    """Iterations per program call: the largest divisor of a chunk up to 5; above 5 where that would be 1 or 2.
+
+    On a CPU, one where it is long: progress shows and a signal is heard after each.
+    """
+    import jax
+
+    if config.steps_per_iteration >= LONG_ITERATION and jax.default_backend() == "cpu":
+        return 1
     chunk = config.train.chunk_iterations
     divisors = [n for n in range(1, LONGEST_CALL_ITERATIONS + 1) if chunk % n == 0]
     short, long = [n for n in divisors if n <= MAX_CALL_ITERATIONS], [n for n in divisors if n > MAX_CALL_ITERATIONS]

@@ -28,6 +28,7 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
     inertia = jnp.asarray(scene.inertia, jnp.float32)
     full_thrust = sim.thrust_to_weight * weight
 
+    @jax.jit  # traced once, whatever the number of substeps
     def substep(qpos: jax.Array, qvel: jax.Array, thrust: jax.Array, moment: jax.Array):
         drones = split(qpos, qvel)
         torque = moment

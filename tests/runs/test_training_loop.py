@@ -331,3 +331,8 @@ def test_more_steps_continue_a_finished_run(toy):
 def test_a_program_call_divides_a_chunk(chunk, expected):
     config = replace(TOY, train=replace(TOY.train, chunk_iterations=chunk))
     assert training.call_iterations(config) == expected
+
+
+def test_a_long_iteration_is_a_call_of_its_own_on_a_cpu():
+    config = replace(TOY, train=replace(TOY.train, chunk_iterations=25, num_envs=10_000 // TOY.learn.rollout_steps + 1))
+    assert training.call_iterations(config) == 1

@@ -28,7 +28,6 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
     inertia = jnp.asarray(scene.inertia, jnp.float32)
     full_thrust = sim.thrust_to_weight * weight
 
-    @jax.jit  # traced once, whatever the number of substeps
     def substep(qpos: jax.Array, qvel: jax.Array, thrust: jax.Array, moment: jax.Array):
         drones = split(qpos, qvel)
         torque = moment
@@ -41,9 +40,9 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
 
     def step(qpos: jax.Array, qvel: jax.Array, action: jax.Array) -> tuple[jax.Array, jax.Array]:
         thrust, moment = wrench(action, full_thrust, sim.moment_scale)
-        for _ in range(sim.substeps):
-            qpos, qvel = substep(qpos, qvel, thrust, moment)
-        return qpos, qvel
+        again = lambda state, _: (substep(*state, thrust, moment), None)
+        state, _ = jax.lax.scan(again, (qpos, qvel), length=sim.substeps, unroll=True)  # no loop, but traced once
+        return state
 
     return step
 

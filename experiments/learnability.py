@@ -2,7 +2,7 @@
 
     python experiments/learnability.py runs/duel-0 runs/duel-1="no head start" --out docs/learnability.png
 
-A label may follow a run's folder after "=". The table goes to stdout as Markdown; docs/learnability.md shows both.
+A label may follow a run's folder after "="; `--by-seed` tells its seeds apart. The table goes to stdout as Markdown; docs/learnability.md shows both.
 """
 
 import argparse
@@ -36,17 +36,26 @@ def main() -> None:
     """Read the flags, print the table, draw the figure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("runs", nargs="+", help="a run's folder, or folder=label")
+    parser.add_argument("--by-seed", action="store_true", help="a row and a panel for each seed")
     parser.add_argument("--out", type=Path, help="a PNG to draw into")
     flags = parser.parse_args()
     pairs = [word.partition("=") for word in flags.runs]
     runs = [(Path(folder), label or Path(folder).name) for folder, _, label in pairs]
     read = [(label, metrics.read(folder / "metrics.jsonl")) for folder, label in runs]
+    if flags.by_seed:
+        read = [(f"{label}/{seed}", one) for label, records in read for seed, one in by_seed(records)]
     print("| run | steps | intercepted | target reached | time-out | defender crashed | attacker crashed | fight |")
     print("|---|---|---|---|---|---|---|---|")
     for label, records in read:
         print(last_tenth(label, records))
     if flags.out:
         draw([binned(label, records) for label, records in read], flags.out)
+
+
+def by_seed(records: Sequence[dict[str, Any]]) -> list[tuple[int, list[dict[str, Any]]]]:
+    """The records of each seed."""
+    seeds = sorted({record["seed"] for record in records})
+    return [(seed, [record for record in records if record["seed"] == seed]) for seed in seeds]
 
 
 def last_tenth(label: str, records: Sequence[dict[str, Any]]) -> str:

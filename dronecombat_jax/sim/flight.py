@@ -40,7 +40,7 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
 
     def step(qpos: jax.Array, qvel: jax.Array, action: jax.Array) -> tuple[jax.Array, jax.Array]:
         thrust, moment = wrench(action, full_thrust, sim.moment_scale)
-        again = lambda state, _: (substep(*state, thrust, moment), None)
+        again = lambda state, _: (substep(state[0], state[1], thrust, moment), None)
         state, _ = jax.lax.scan(again, (qpos, qvel), length=sim.substeps, unroll=True)  # no loop, but traced once
         return state
 

@@ -114,8 +114,7 @@ def estimate_values(
 ) -> tuple[jax.Array, jax.Array]:
     """Value of every state and of every state's successor, both [T, N] on the reward's scale.
 
-    The successor of a truncated step is its final observation. Where no fight of a time step was
-    truncated, the next step's value serves, and the second pass is skipped.
+    The successor of a truncated step is its final observation; else the next step's value serves.
     """
 
     def evaluate(observation: jax.Array) -> jax.Array:
@@ -129,12 +128,17 @@ def estimate_values(
     if not learn.bootstrap_timeout:
         return value, following
 
-    def successor(step: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
-        truncated, final, following = step
-        bootstrap = lambda: jnp.where(truncated, evaluate(final), following)
-        return jax.lax.cond(jnp.any(truncated), bootstrap, lambda: following)
+    # An environment is truncated once in a rollout, or never, unless fights are shorter than rollouts: one pass over the
+    # environments for each time that one of them was.
+    times = jnp.cumsum(rollout.truncated, axis=0)
 
-    return value, jax.lax.map(successor, (rollout.truncated, final, following))
+    def bootstrap(time: jax.Array, following: jax.Array) -> jax.Array:
+        here = rollout.truncated & (times == time + 1)
+        step = jnp.argmax(here, axis=0)
+        seen = jnp.take_along_axis(final, step[None, :, None], axis=0)[0]
+        return jnp.where(here, evaluate(seen), following)
+
+    return value, jax.lax.fori_loop(0, jnp.max(times[-1]), bootstrap, following)
 
 
 def prepare_batch(

@@ -28,8 +28,9 @@ tournament: $(VENV)/.runtime ## all checkpoints of runs/ippo and runs/sippo, tho
 report: $(VENV)/.runtime ## draw a tournament (ARGS=its folder or name)
 	$(BIN)/dronecombat report $(ARGS)
 
-test: $(VENV)/.dev ## the fast tests
-	$(BIN)/python -m pytest $(ARGS)
+# A file of tests goes to one of two processes, and shares there what it compiles.
+test: $(VENV)/.dev ## the fast tests, in two processes (ARGS="-n 0": in one)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 test-slow: $(VENV)/.dev ## the tests that take minutes
 	$(BIN)/python -m pytest -m slow $(ARGS)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 SPREAD = ("1x2", "1x4", "2x2")  # seeds x environments, all with several devices to a seed
-TOGETHER = "together-1x2"  # and both seeds side by side, as on GPUs
+TOGETHER = ("together-1x1", "together-1x2")  # both seeds side by side, as on a GPU
 # Sums over environments in another order: 6 iterations of 2 x 4 gradient steps differed by 5e-5 at most, relative to
 # 0.01 and above (Adam's first steps hardly depend on the gradient's size, so errors do not grow there).
 RELATIVE, ABSOLUTE = 1e-3, 1e-4
@@ -39,7 +39,7 @@ def test_a_seed_on_a_device_of_its_own_has_the_bits_it_has_beside_another(folder
     assert [path for path in one if one[path].tobytes() != two[path].tobytes()] == []
 
 
-@pytest.mark.parametrize("mesh", (*SPREAD, TOGETHER))
+@pytest.mark.parametrize("mesh", (*SPREAD, *TOGETHER))
 def test_a_seed_on_several_devices_or_beside_another_learns_the_same_to_float_order(folder, mesh):
     """S-IPPO with a past opponent in each environment; metrics of every iteration and the final state."""
     one, several = arrays(folder, "1x1"), arrays(folder, mesh)

@@ -3,9 +3,9 @@
     python meshes.py FOLDER
 
 `start.npz`, the state that all begin with; `<seeds>x<environments>.npz`, two seeds after three chunks of S-IPPO, with
-the metrics of all iterations below `curves/`, and `together-1x2.npz`, the same with both seeds side by side;
-`flight-<mesh>.npz`, the fights after one rollout of policies that only draw noise, and `flight-<mesh>.txt`, that
-flight's program.
+the metrics of all iterations below `curves/`, and `together-<mesh>.npz`, the same with both seeds side by side;
+`flight-<mesh>.npz`, but for 2x1, the fights after one rollout of policies that only draw noise, and `flight-<mesh>.txt`,
+that flight's program.
 """
 
 import sys
@@ -17,6 +17,7 @@ import numpy as np
 from dronecombat_jax import backend
 
 MESHES = ((1, 1), (2, 1), (1, 2), (1, 4), (2, 2))
+TOGETHER = ((1, 1), (1, 2))
 ITERATIONS = 6
 
 
@@ -55,10 +56,10 @@ def main(folder: Path) -> None:
         mesh = device_mesh(*shape) if shape != (1, 1) else None
         name = "x".join(map(str, shape))
         save_run(name, combat, mesh)
-        if shape == (1, 2):
+        if shape in TOGETHER:
             save_run(f"together-{name}", together, mesh)
-        if shape == (2, 1):  # devices that share nothing: as 1x1
-            continue
+        if shape == (2, 1):
+            continue  # no seed shares its environments, and no test compares this flight
         fly = jitted(build_flight(combat, 1, mesh), start, mesh, compiler_options=UNOPTIMISED)
         compiled = fly.lower(place(drawn, mesh)).compile()
         (folder / f"flight-{name}.txt").write_text(compiled.as_text())

@@ -76,6 +76,13 @@ def test_elu_and_its_slope():
     np.testing.assert_allclose(slope, np.exp(np.minimum(x, 0)), rtol=1e-6, atol=1e-7)
 
 
+def test_elu_is_as_exact_as_float32_below_zero():
+    x = np.concatenate([np.linspace(-100.0, 0.0, 100_001), -np.logspace(-37, 2, 100_001)]).astype(np.float32)
+    expected = np.expm1(x.astype(np.float64))
+    for evaluate in (elu, jax.jit(elu)):  # compiled, products and sums are fused
+        np.testing.assert_allclose(np.asarray(evaluate(jnp.asarray(x)), np.float64), expected, rtol=1e-7, atol=0)
+
+
 def test_elu_hides_nothing_that_is_not_finite():
     y, slope = jax.jit(jax.vmap(jax.value_and_grad(elu)))(jnp.asarray([np.nan, np.inf, -np.inf]))
     assert np.isnan(y[0]) and np.isnan(slope[0]) and y[1:].tolist() == [np.inf, -1.0]

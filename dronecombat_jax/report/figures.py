@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, MaxNLocator
+from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.runs.atomic import cannot_write, write_atomic
@@ -205,6 +205,10 @@ def _finish(ax: Axes, heading: str, unit: str, *, share: bool = False, log: bool
         ax.set_ylim(-0.02 if legend else 0.0, 1.02 if legend else 1.0)
     if log and any(np.any(np.asarray(line.get_ydata(), float) > 0) for line in ax.get_lines()):
         ax.set_yscale("log")
+        low, high = ax.get_ylim()
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1000.0 * low else (1.0,)))
+        ax.yaxis.set_major_formatter("{x:g}")
+        ax.yaxis.set_minor_formatter(NullFormatter())  # its labels, shown or not, would push the axis label away
     if legend and len(ax.get_legend_handles_labels()[0]) > 1:
         ax.legend(fontsize=9, framealpha=0.85)
     if not drawn:

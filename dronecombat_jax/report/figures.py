@@ -36,6 +36,8 @@ OUTCOMES = {
 }
 # What a sound run never shows is named only where it happened.
 FAULTS = ("diverged", "both_invalid", "defender_invalid", "attacker_invalid")
+# Logarithmic axes: where the highest value is below so many times the lowest, these of every decade.
+LOG_TICKS = ((10.0, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)), (1000.0, (1.0, 2.0, 5.0)))
 _SHARE = "share of ended fights"
 PANELS = {  # name of the records' keys: heading, what the axis counts, logarithmic
     "win": ("Who wins", _SHARE, False),
@@ -206,7 +208,8 @@ def _finish(ax: Axes, heading: str, unit: str, *, share: bool = False, log: bool
     if log and any(np.any(np.asarray(line.get_ydata(), float) > 0) for line in ax.get_lines()):
         ax.set_yscale("log")
         low, high = ax.get_ylim()
-        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1000.0 * low else (1.0,)))
+        subs = next((subs for span, subs in LOG_TICKS if high < span * low), (1.0,))
+        ax.yaxis.set_major_locator(LogLocator(subs=subs))
         ax.yaxis.set_major_formatter("{x:g}")
         ax.yaxis.set_minor_formatter(NullFormatter())  # its labels, shown or not, would push the axis label away
     if legend and len(ax.get_legend_handles_labels()[0]) > 1:

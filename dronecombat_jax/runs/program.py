@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from dronecombat_jax import preflight, processes
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
+from dronecombat_jax.runs.lowered import compiled
 
 if TYPE_CHECKING:
     import jax
@@ -37,10 +38,9 @@ def flight_seconds(config: Config, state: Any) -> float:
 
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.selfplay.chunk import build_flight
-    from dronecombat_jax.selfplay.mesh import jitted
 
     iterations, mesh = call_iterations(config), seed_devices(config)
-    fly = jitted(build_flight(Combat(config), iterations, mesh), state, mesh).lower(state).compile()
+    fly = compiled("flight", config, lambda: build_flight(Combat(config), iterations, mesh), state, mesh)
     start = time.monotonic()
     jax.block_until_ready(fly(state))
     return (time.monotonic() - start) / iterations

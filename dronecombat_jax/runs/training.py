@@ -19,6 +19,7 @@ from dronecombat_jax.runs.atomic import write_atomic
 from dronecombat_jax.runs.claim import claim_run
 from dronecombat_jax.runs.guards import Watch, device_errors
 from dronecombat_jax.runs.keeper import Keeper, timed
+from dronecombat_jax.runs.lowered import compiled
 from dronecombat_jax.runs.metrics import truncate_after
 from dronecombat_jax.runs.program import call_iterations, flight_seconds, seed_devices
 from dronecombat_jax.runs.progress import Progress, make_progress
@@ -146,7 +147,7 @@ def _prepare(
 
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.selfplay.chunk import build_advance, init_state
-    from dronecombat_jax.selfplay.mesh import jitted, place
+    from dronecombat_jax.selfplay.mesh import place
 
     combat = Combat(config)
     with processes.together():
@@ -157,8 +158,8 @@ def _prepare(
             shapes = jax.eval_shape(lambda: init_state(combat))
             state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
     state = place(processes.from_first(state), mesh)
-    program = jitted(build_advance(combat, call_iterations(config), mesh), state, mesh, donate_argnums=0)
-    return state, lambda state: program.lower(state).compile()
+    build = lambda: build_advance(combat, call_iterations(config), mesh)
+    return state, lambda state: compiled("advance", config, build, state, mesh, donate_argnums=0)
 
 
 def _first_state(run: RunDirectory, config: Config, start: Start | None, saver: Saver, combat: Any) -> Any:

@@ -1,0 +1,160 @@
+"""Lowered programs, kept between processes: tracing and lowering the training program takes seconds of every start.
+
+The compiled code itself is kept by JAX (`backend`); to look it up JAX needs the lowered program, and to get that it
+traces thousands of operations. Here that text (StableHLO, `jax.export`) is kept in a file, together with what it was
+made from: every file that Python had loaded once it was traced, and the MJCF. As in make, it is good as long as none of
+them has changed. A process that was started as a command trusts it; anything else may have replaced a function in
+memory, which no file tells, and always traces (`keep`).
+"""
+
+import contextlib
+import functools
+import hashlib
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dronecombat_jax import backend, processes, settings
+from dronecombat_jax.config import Config, RunConfig
+from dronecombat_jax.errors import UserError
+from dronecombat_jax.runs.atomic import write_atomic
+
+if TYPE_CHECKING:
+    import jax
+
+PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "flax", "optax")
+VARIABLES = ("JAX_", "XLA_", "MJX_")  # what they are called that tracing may read
+
+_keeping = False
+
+
+def keep() -> None:
+    """Use kept programs in this process. For a command's entry point: before anything else could have been replaced."""
+    global _keeping
+    _keeping = True
+
+
+def compiled(
+    name: str,
+    config: Config,
+    build: Callable[[], Callable[[Any], Any]],
+    state: Any,
+    mesh: "jax.sharding.Mesh | None",
+    **options: Any,
+) -> Any:
+    """`build()`, a program `state -> (state, report)`, compiled for `state`, which is on its devices.
+
+    `name` and `config` must say all that `build` depends on, but for files. `options` go to `jax.jit`. Where the
+    program is kept, `build` is not called.
+    """
+    from dronecombat_jax.selfplay.mesh import jitted
+
+    program = _kept(name, config, build, state, mesh) if _keeping and processes.count() == 1 else None
+    return jitted(program or build(), state, mesh, **options).lower(state).compile()
+
+
+def _kept(
+    name: str, config: Config, build: Callable[[], Callable[[Any], Any]], state: Any, mesh: "jax.sharding.Mesh | None"
+) -> Callable[[Any], Any] | None:
+    """The program from its file, else traced and kept; None where `jax.export` cannot do that."""
+    from jax import export
+
+    from dronecombat_jax.selfplay.mesh import jitted
+
+    path = backend.cache_dir() / "lowered" / f"{name}-{_key(config, state, mesh)}"
+    try:
+        _register()
+        content = _read(path)
+        if content is None:
+            content = export.export(jitted(build(), state, mesh))(state).serialize()
+            _write(path, content)
+        return export.deserialize(content).call
+    except (ImportError, NotImplementedError, ValueError):  # no flatbuffers; a custom call that is not for keeping
+        return None
+
+
+def _key(config: Config, state: Any, mesh: "jax.sharding.Mesh | None") -> str:
+    """A digest of what a program depends on besides files. Names and seeds do not matter: they are not in it."""
+    import jax
+
+    run = replace(RunConfig(), seeds_at_once=config.run.seeds_at_once)
+    leaves, structure = jax.tree.flatten(state)
+    parts = (
+        settings.to_toml(replace(config, train=replace(config.train, seed=0), run=run)),
+        [platform.python_version(), *(f"{package} {metadata.version(package)}" for package in PACKAGES)],
+        sorted(f"{key}={value}" for key, value in os.environ.items() if key.startswith(VARIABLES)),
+        [jax.default_backend(), *sorted({device.device_kind for device in jax.devices()})],
+        "" if mesh is None else str(mesh.shape),
+        str(structure),
+        [f"{leaf.dtype}{leaf.shape}" for leaf in leaves],
+        sys.path,
+    )
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:24]
+
+
+def _read(path: Path) -> bytearray | None:
+    """The program in a file; None where there is none, it is damaged, or what it was made from has changed."""
+    try:
+        head, _, content = path.read_bytes().partition(b"\n")
+        told = json.loads(head)
+        if told["sha256"] == hashlib.sha256(content).hexdigest() and all(
+            _stamp(file) == stamp for file, *stamp in told["made_from"]
+        ):
+            return bytearray(content)
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    return None
+
+
+def _write(path: Path, content: bytearray) -> None:
+    """Keep a program; where that cannot be done, the next start takes longer, and that is all."""
+    made_from = [(file, *stamp) for file in sorted(set(_files())) if (stamp := _stamp(file))]
+    head = json.dumps({"sha256": hashlib.sha256(content).hexdigest(), "made_from": made_from})
+    with contextlib.suppress(OSError, UserError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, head.encode() + b"\n" + content)
+
+
+def _files() -> Iterator[str]:
+    """Every file of code that this process has loaded, and the MJCF."""
+    from dronecombat_jax.sim.scene import find_mjcf_dir
+
+    files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
+    yield from (os.path.abspath(file) for file in files if file)
+    yield from (str(path.absolute()) for path in find_mjcf_dir().rglob("*") if path.is_file())
+
+
+def _stamp(file: str) -> list[int] | None:
+    """Size in bytes and time of the last change in ns; None where there is no such file."""
+    try:
+        found = os.stat(file)
+    except OSError:
+        return None
+    return [found.st_size, found.st_mtime_ns]
+
+
+@functools.cache
+def _register() -> None:
+    """Teach `jax.export` the pytrees that go into a program and come out of it."""
+    import optax
+    from flax import struct
+    from jax import export
+
+    from dronecombat_jax import types
+
+    for node in (*vars(types).values(), optax.EmptyState, optax.ScaleByAdamState):
+        if not isinstance(node, type):
+            continue
+        name = f"{node.__module__}.{node.__qualname__}"
+        if issubclass(node, struct.PyTreeNode) and node is not struct.PyTreeNode:
+            export.register_pytree_node_serialization(
+                node, serialized_name=name, serialize_auxdata=lambda _: b"", deserialize_auxdata=lambda _: ()
+            )
+        elif issubclass(node, tuple) and hasattr(node, "_fields"):
+            export.register_namedtuple_serialization(node, serialized_name=name)

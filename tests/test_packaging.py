@@ -45,7 +45,7 @@ def test_the_wheel_holds_modules_scene_and_presets_and_nothing_else(wheel):
 
 def test_the_wheel_installs_the_command(wheel):
     (entry_points,) = wheel.glob("*.dist-info/entry_points.txt")
-    assert "dronecombat = dronecombat_jax.cli:main" in entry_points.read_text()
+    assert "dronecombat = dronecombat_jax.__main__:main" in entry_points.read_text()
 
 
 def test_an_installed_package_finds_its_scene_and_presets(wheel, tmp_path):

@@ -53,9 +53,8 @@ def init_state(combat: Combat) -> TrainState:
 
     def init_seed(seed: jax.Array) -> TrainState:
         keys = jax.random.split(_key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS), NUM_AGENTS)
-        learner = lambda key: init_learner(key, combat.config.learn)
-        # Agents unrolled: under vmap jax 0.10.1 on two cores has hung here, in about one start of a hundred.
-        learners = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[learner(key) for key in keys])
+        # One after the other: under vmap jax 0.10.1 on two cores has hung here, in about one start of a hundred.
+        learners = jax.lax.map(lambda key: init_learner(key, combat.config.learn), keys)
         return TrainState(
             learners=learners,
             env=reset_fights(combat, seed, jnp.zeros((), jnp.int32)),

@@ -25,7 +25,8 @@ def folder(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("meshes")
     flags = " ".join(word for word in os.environ.get("XLA_FLAGS", "").split() if "device_count" not in word)
     command = [sys.executable, meshes.__file__, str(path)]
-    subprocess.run(command, env=os.environ | {"XLA_FLAGS": flags}, check=True, timeout=500)
+    variables = os.environ | {"XLA_FLAGS": flags, "DRONECOMBAT_CACHE": str(path / "cache")}
+    subprocess.run(command, env=variables, check=True, timeout=500)
     return path
 
 

@@ -3,7 +3,8 @@
     python meshes.py FOLDER
 
 `start.npz`, the state that all begin with; `<seeds>x<environments>.npz`, two seeds after three chunks of S-IPPO, with
-the metrics of all iterations below `curves/`, and `together-<mesh>.npz`, the same with both seeds side by side;
+the metrics of all iterations below `curves/` (2x1 and 1x2 by a program from a file, `runs.lowered`), and
+`together-<mesh>.npz`, the same with both seeds side by side;
 `flight-<mesh>.npz`, but for 2x1, the fights after one rollout of policies that only draw noise, and `flight-<mesh>.txt`,
 that flight's program.
 """
@@ -11,6 +12,7 @@ that flight's program.
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +20,13 @@ from dronecombat_jax import backend
 
 MESHES = ((1, 1), (2, 1), (1, 2), (1, 4), (2, 2))
 TOGETHER = ((1, 1), (1, 2))
+KEPT = ((2, 1), (1, 2))
 ITERATIONS = 6
+
+
+def never() -> Any:
+    """In the place of a program's tracing, where it must not be traced."""
+    raise AssertionError("traced again")
 
 
 def main(folder: Path) -> None:
@@ -28,6 +36,7 @@ def main(folder: Path) -> None:
     from toy import CONFIG, UNOPTIMISED, Coasting
 
     from dronecombat_jax.config import SelfPlayConfig
+    from dronecombat_jax.runs import lowered
     from dronecombat_jax.runs.state import flatten
     from dronecombat_jax.selfplay.chunk import build_advance, build_flight, init_state
     from dronecombat_jax.selfplay.mesh import device_mesh, jitted, place
@@ -46,16 +55,22 @@ def main(folder: Path) -> None:
     drawn = start.replace(learners=start.learners.replace(parameters=silent))
     together = Coasting(replace(config, run=replace(config.run, seeds_at_once=2)))
 
-    def save_run(name: str, combat: Coasting, mesh: jax.sharding.Mesh | None) -> None:
-        program = jitted(build_advance(combat, ITERATIONS, mesh), start, mesh, compiler_options=UNOPTIMISED)
-        state, report = program(place(start, mesh))
+    def save_run(name: str, combat: Coasting, mesh: jax.sharding.Mesh | None, kept: bool = False) -> None:
+        advance, state = build_advance(combat, ITERATIONS, mesh), place(start, mesh)
+        if kept:
+            lowered.compiled("advance", config, lambda: advance, state, mesh, compiler_options=UNOPTIMISED)
+            program = lowered.compiled("advance", config, never, state, mesh, compiler_options=UNOPTIMISED)
+        else:
+            program = jitted(advance, state, mesh, compiler_options=UNOPTIMISED)
+        state, report = program(state)
         curves = {f"curves/{path}": leaf for path, leaf in flatten(report).items()}
         np.savez(folder / f"{name}.npz", **flatten(state), **curves)  # pyright: ignore[reportArgumentType]
 
+    lowered.keep()
     for shape in MESHES:
         mesh = device_mesh(*shape) if shape != (1, 1) else None
         name = "x".join(map(str, shape))
-        save_run(name, combat, mesh)
+        save_run(name, combat, mesh, kept=shape in KEPT)
         if shape in TOGETHER:
             save_run(f"together-{name}", together, mesh)
         if shape == (2, 1):

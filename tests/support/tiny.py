@@ -25,7 +25,7 @@ PATIENCE = 300.0  # seconds
 
 def train(root: Path, name: str, *flags: str, environment: dict[str, str] | None = None) -> subprocess.Popen[str]:
     """Begin, or go on with, a run in its own process."""
-    command = [sys.executable, "-m", "dronecombat_jax.cli", "train", "--name", name, "--run.directory", str(root)]
+    command = [sys.executable, "-m", "dronecombat_jax", "train", "--name", name, "--run.directory", str(root)]
     pipe = subprocess.PIPE
     variables = ENVIRONMENT | (environment or {})
     return subprocess.Popen([*command, *COMMAND, *flags], stdout=pipe, stderr=pipe, text=True, env=variables)

@@ -1,0 +1,178 @@
+"""Programs kept between processes: the same bits, traced once, and traced anew whenever anything they depend on differs."""
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import jax
+import pytest
+import toy
+from meshes import never
+
+from dronecombat_jax.config import RunConfig, SelfPlayConfig
+from dronecombat_jax.runs import lowered
+from dronecombat_jax.selfplay.chunk import build_advance, init_state
+from dronecombat_jax.selfplay.mesh import place
+from dronecombat_jax.types import RewardTerms
+
+CONFIG = replace(toy.CONFIG, selfplay=SelfPlayConfig(probability=0.5))
+
+
+@pytest.fixture(scope="module")
+def start() -> SimpleNamespace:
+    combat = toy.Coasting(CONFIG)
+    state = jax.jit(lambda: init_state(combat), compiler_options=toy.UNOPTIMISED)()
+    return SimpleNamespace(combat=combat, state=jax.device_get(state))
+
+
+@pytest.fixture
+def kept(monkeypatch, tmp_path, start) -> SimpleNamespace:
+    """`run(**what)` compiles as a new process would, with `what` replaced, and calls; `builds` counts.
+
+    The program is a small one on a whole training state; `training` is the real one.
+    """
+    monkeypatch.setattr(lowered, "_keeping", False)
+    monkeypatch.setenv("DRONECOMBAT_CACHE", str(tmp_path))
+    builds: list[int] = []
+
+    def small(state):
+        report = RewardTerms(*[state.env.qpos * scale for scale in range(7)])
+        return state.replace(iteration=state.iteration + 1), report
+
+    def build_small():
+        builds.append(1)
+        return small
+
+    def run(name="advance", config=CONFIG, build=build_small):
+        state = place(start.state, None)
+        options = {"compiler_options": toy.UNOPTIMISED, "donate_argnums": 0}
+        program = lowered.compiled(name, config, build, state, None, **options)
+        result = jax.device_get(program(state))
+        assert jax.tree.leaves(state)[0].is_deleted()
+        return result
+
+    training = lambda: build_advance(start.combat, toy.CHUNK)
+    return SimpleNamespace(run=run, builds=builds, training=training, folder=tmp_path / "lowered")
+
+
+def test_nothing_is_kept_unless_the_process_is_a_command(kept):
+    kept.run()
+    kept.run()
+    assert len(kept.builds) == 2 and not kept.folder.exists()
+
+
+def test_a_kept_program_is_not_traced_again(kept):
+    expected = kept.run()
+    lowered.keep()
+    toy.assert_same_bits(kept.run(), expected)
+    toy.assert_same_bits(kept.run(), expected)
+    assert len(kept.builds) == 2  # without keeping, and to keep it
+
+
+def test_a_kept_training_program_learns_the_same_bits(kept):
+    expected = kept.run(build=kept.training)
+    lowered.keep()
+    kept.run(build=kept.training)
+    again = kept.run(build=never)
+    toy.assert_same_bits(again, expected)
+    assert jax.tree.structure(again) == jax.tree.structure(expected)
+
+
+def test_another_program_another_setting_or_another_variable_is_another_file(kept, monkeypatch):
+    lowered.keep()
+    kept.run()
+    kept.run(name="flight")
+    kept.run(config=replace(CONFIG, learn=replace(CONFIG.learn, discount=0.9)))
+    monkeypatch.setenv("JAX_DEFAULT_MATMUL_PRECISION", "float32")
+    kept.run()
+    assert len(kept.builds) == len(list(kept.folder.iterdir())) == 4
+
+
+def test_names_and_seeds_share_a_file(kept):
+    lowered.keep()
+    kept.run()
+    elsewhere = RunConfig(name="other", directory="/nowhere", figures=False)
+    kept.run(config=replace(CONFIG, run=elsewhere, train=replace(CONFIG.train, seed=9)))
+    assert len(kept.builds) == 1
+
+
+def test_names_and_seeds_are_not_in_the_program(start):
+    def text(config):
+        advance = build_advance(toy.Coasting(config), toy.CHUNK)
+        return jax.jit(advance).lower(start.state).as_text()
+
+    other = replace(CONFIG, run=RunConfig(name="other"), train=replace(CONFIG.train, seed=9))
+    assert text(other) == text(CONFIG)
+
+
+@pytest.mark.parametrize("change", ("longer", "touched", "gone"))
+def test_a_file_of_code_that_has_changed_makes_it_trace_again(kept, monkeypatch, tmp_path, change):
+    source = tmp_path / "plugin.py"
+    source.write_text("SCALE = 1.0\n")
+    module = ModuleType("plugin")
+    module.__file__ = str(source)
+    monkeypatch.setitem(sys.modules, "plugin", module)
+    lowered.keep()
+    kept.run()
+    if change == "longer":
+        source.write_text("SCALE = 10.0\n")
+    elif change == "touched":
+        os.utime(source, (1, 1))
+    else:
+        source.unlink()
+    kept.run()
+    assert len(kept.builds) == 2
+    kept.run()
+    assert len(kept.builds) == 2 and len(list(kept.folder.iterdir())) == 1
+
+
+def test_it_depends_on_the_package_the_scene_and_the_libraries():
+    files = {Path(file).name for file in lowered._files()}
+    assert {"ippo.py", "chunk.py", "flight.py", "lowered.py", "combat.xml"} <= files
+    for library in ("jax", "mujoco/mjx", "flax", "optax"):
+        assert any(f"/{library}/__init__.py" in file for file in lowered._files())
+
+
+@pytest.mark.parametrize("damage", ("empty", "cut", "bit", "text", "list", "folder"))
+def test_a_damaged_file_is_made_anew(kept, damage):
+    lowered.keep()
+    expected = kept.run()
+    (path,) = kept.folder.iterdir()
+    whole = path.read_bytes()
+    if damage == "folder":
+        path.unlink()
+        path.mkdir()
+    else:
+        middle = len(whole) * 3 // 4
+        path.write_bytes(
+            {
+                "empty": b"",
+                "cut": whole[:middle],
+                "bit": whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :],
+                "text": b"never a program\n",
+                "list": b"[1]\n",
+            }[damage]
+        )
+    toy.assert_same_bits(kept.run(), expected)
+    kept.run()
+    assert len(kept.builds) == (3 if damage == "folder" else 2)  # a folder stays in the way, and training goes on
+
+
+def test_where_nothing_can_be_written_training_goes_on(kept):
+    kept.folder.write_text("a file in the folder's place")
+    lowered.keep()
+    kept.run()
+    kept.run()
+    assert len(kept.builds) == 2
+
+
+def test_what_cannot_be_exported_is_traced(kept, monkeypatch):
+    def refuse(_):
+        raise ValueError("Cannot serialize code with custom calls whose targets have no compatibility guarantees")
+
+    monkeypatch.setattr("jax.export.export", refuse)
+    lowered.keep()
+    kept.run()
+    assert not kept.folder.exists()

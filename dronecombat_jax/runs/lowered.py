@@ -14,6 +14,7 @@ import json
 import os
 import platform
 import sys
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from importlib import metadata
@@ -31,13 +32,13 @@ if TYPE_CHECKING:
 PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "flax", "optax")
 VARIABLES = ("JAX_", "XLA_", "MJX_")  # what they are called that tracing may read
 
-_keeping = False
+_began: int | None = None  # when this process began to keep programs, ns since the epoch; None: it does not
 
 
 def keep() -> None:
     """Use kept programs in this process. For a command's entry point: before anything else could have been replaced."""
-    global _keeping
-    _keeping = True
+    global _began
+    _began = time.time_ns()
 
 
 def compiled(
@@ -55,7 +56,7 @@ def compiled(
     """
     from dronecombat_jax.selfplay.mesh import jitted
 
-    program = _kept(name, config, build, state, mesh) if _keeping and processes.count() == 1 else None
+    program = _kept(name, config, build, state, mesh) if _began and processes.count() == 1 else None
     return jitted(program or build(), state, mesh, **options).lower(state).compile()
 
 
@@ -113,8 +114,13 @@ def _read(path: Path) -> bytearray | None:
 
 
 def _write(path: Path, content: bytearray) -> None:
-    """Keep a program; where that cannot be done, the next start takes longer, and that is all."""
+    """Keep a program; where that cannot be done, the next start takes longer, and that is all.
+
+    Not one whose code was edited while this process ran: which version it had loaded is not known.
+    """
     made_from = [(file, *stamp) for file in sorted(set(_files())) if (stamp := _stamp(file))]
+    if _began is None or any(changed > _began for *_, changed in made_from):
+        return
     head = json.dumps({"sha256": hashlib.sha256(content).hexdigest(), "made_from": made_from})
     with contextlib.suppress(OSError, UserError):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -29,11 +29,12 @@ def start() -> SimpleNamespace:
 
 @pytest.fixture
 def kept(monkeypatch, tmp_path, start) -> SimpleNamespace:
-    """`run(**what)` compiles as a new process would, with `what` replaced, and calls; `builds` counts.
+    """`run(**what)` compiles as a new process would, with `what` replaced, and calls; `builds` counts. It keeps
+    programs once `keeps` is set.
 
     The program is a small one on a whole training state; `training` is the real one.
     """
-    monkeypatch.setattr(lowered, "_keeping", False)
+    monkeypatch.setattr(lowered, "_began", None)
     monkeypatch.setenv("DRONECOMBAT_CACHE", str(tmp_path))
     builds: list[int] = []
 
@@ -46,6 +47,8 @@ def kept(monkeypatch, tmp_path, start) -> SimpleNamespace:
         return small
 
     def run(name="advance", config=CONFIG, build=build_small):
+        if here.keeps:
+            lowered.keep()
         state = place(start.state, None)
         options = {"compiler_options": toy.UNOPTIMISED, "donate_argnums": 0}
         program = lowered.compiled(name, config, build, state, None, **options)
@@ -54,7 +57,10 @@ def kept(monkeypatch, tmp_path, start) -> SimpleNamespace:
         return result
 
     training = lambda: build_advance(start.combat, toy.CHUNK)
-    return SimpleNamespace(run=run, builds=builds, training=training, folder=tmp_path / "lowered")
+    here = SimpleNamespace(
+        run=run, small=small, builds=builds, training=training, folder=tmp_path / "lowered", keeps=False
+    )
+    return here
 
 
 def test_nothing_is_kept_unless_the_process_is_a_command(kept):
@@ -65,7 +71,7 @@ def test_nothing_is_kept_unless_the_process_is_a_command(kept):
 
 def test_a_kept_program_is_not_traced_again(kept):
     expected = kept.run()
-    lowered.keep()
+    kept.keeps = True
     toy.assert_same_bits(kept.run(), expected)
     toy.assert_same_bits(kept.run(), expected)
     assert len(kept.builds) == 2  # without keeping, and to keep it
@@ -73,7 +79,7 @@ def test_a_kept_program_is_not_traced_again(kept):
 
 def test_a_kept_training_program_learns_the_same_bits(kept):
     expected = kept.run(build=kept.training)
-    lowered.keep()
+    kept.keeps = True
     kept.run(build=kept.training)
     again = kept.run(build=never)
     toy.assert_same_bits(again, expected)
@@ -81,7 +87,7 @@ def test_a_kept_training_program_learns_the_same_bits(kept):
 
 
 def test_another_program_another_setting_or_another_variable_is_another_file(kept, monkeypatch):
-    lowered.keep()
+    kept.keeps = True
     kept.run()
     kept.run(name="flight")
     kept.run(config=replace(CONFIG, learn=replace(CONFIG.learn, discount=0.9)))
@@ -91,7 +97,7 @@ def test_another_program_another_setting_or_another_variable_is_another_file(kep
 
 
 def test_names_and_seeds_share_a_file(kept):
-    lowered.keep()
+    kept.keeps = True
     kept.run()
     elsewhere = RunConfig(name="other", directory="/nowhere", figures=False)
     kept.run(config=replace(CONFIG, run=elsewhere, train=replace(CONFIG.train, seed=9)))
@@ -107,14 +113,20 @@ def test_names_and_seeds_are_not_in_the_program(start):
     assert text(other) == text(CONFIG)
 
 
-@pytest.mark.parametrize("change", ("longer", "touched", "gone"))
-def test_a_file_of_code_that_has_changed_makes_it_trace_again(kept, monkeypatch, tmp_path, change):
-    source = tmp_path / "plugin.py"
-    source.write_text("SCALE = 1.0\n")
+@pytest.fixture
+def source(monkeypatch, tmp_path) -> Path:
+    """A file of code that the process has loaded."""
+    path = tmp_path / "plugin.py"
+    path.write_text("SCALE = 1.0\n")
     module = ModuleType("plugin")
-    module.__file__ = str(source)
+    module.__file__ = str(path)
     monkeypatch.setitem(sys.modules, "plugin", module)
-    lowered.keep()
+    return path
+
+
+@pytest.mark.parametrize("change", ("longer", "touched", "gone"))
+def test_a_file_of_code_that_has_changed_makes_it_trace_again(kept, source, change):
+    kept.keeps = True
     kept.run()
     if change == "longer":
         source.write_text("SCALE = 10.0\n")
@@ -128,6 +140,14 @@ def test_a_file_of_code_that_has_changed_makes_it_trace_again(kept, monkeypatch,
     assert len(kept.builds) == 2 and len(list(kept.folder.iterdir())) == 1
 
 
+def test_a_program_whose_code_was_edited_while_it_was_traced_is_not_kept(kept, source):
+    kept.keeps = True
+    kept.run(build=lambda: source.write_text("SCALE = 10.0\n") and kept.small)
+    assert not kept.folder.exists()
+    kept.run()
+    assert len(list(kept.folder.iterdir())) == 1
+
+
 def test_it_depends_on_the_package_the_scene_and_the_libraries():
     files = {Path(file).name for file in lowered._files()}
     assert {"ippo.py", "chunk.py", "flight.py", "lowered.py", "combat.xml"} <= files
@@ -137,7 +157,7 @@ def test_it_depends_on_the_package_the_scene_and_the_libraries():
 
 @pytest.mark.parametrize("damage", ("empty", "cut", "bit", "text", "list", "folder"))
 def test_a_damaged_file_is_made_anew(kept, damage):
-    lowered.keep()
+    kept.keeps = True
     expected = kept.run()
     (path,) = kept.folder.iterdir()
     whole = path.read_bytes()
@@ -162,7 +182,7 @@ def test_a_damaged_file_is_made_anew(kept, damage):
 
 def test_where_nothing_can_be_written_training_goes_on(kept):
     kept.folder.write_text("a file in the folder's place")
-    lowered.keep()
+    kept.keeps = True
     kept.run()
     kept.run()
     assert len(kept.builds) == 2
@@ -173,6 +193,6 @@ def test_what_cannot_be_exported_is_traced(kept, monkeypatch):
         raise ValueError("Cannot serialize code with custom calls whose targets have no compatibility guarantees")
 
     monkeypatch.setattr("jax.export.export", refuse)
-    lowered.keep()
+    kept.keeps = True
     kept.run()
     assert not kept.folder.exists()

@@ -82,10 +82,11 @@ def binned(label: str, records: Sequence[dict[str, Any]]) -> Shares:
 
 def draw(runs: Sequence[Shares], path: Path) -> None:
     """One panel a run: how fights end, stacked; the share of fights in which each drone went down, dashed."""
-    rows = -(-len(runs) // COLUMNS)
-    figure = Figure(figsize=(4.2 * COLUMNS, 2.9 * rows + 0.8), layout="constrained")
+    columns = min(COLUMNS, len(runs))
+    rows = -(-len(runs) // columns)
+    figure = Figure(figsize=(4.2 * columns, 2.9 * rows + 0.8 + 0.2 * (COLUMNS - columns)), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, COLUMNS, sharey=True, squeeze=False).ravel()
+    axes = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
     for ax, run in zip(axes, runs, strict=False):
         colours = [OUTCOMES[name][1] for name in SHOWN]
         ax.stackplot(run.steps, run.outcomes, colors=colours, linewidth=0, labels=[OUTCOMES[name][0] for name in SHOWN])
@@ -100,7 +101,7 @@ def draw(runs: Sequence[Shares], path: Path) -> None:
     figure.supxlabel("environment steps, millions")
     figure.supylabel("share of ended fights")
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False, fontsize=9)
+    figure.legend(handles, labels, loc="outside upper center", ncols=2 * columns, frameon=False, fontsize=9)
     figure.savefig(path, dpi=110)
 
 

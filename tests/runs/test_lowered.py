@@ -11,6 +11,7 @@ import pytest
 import toy
 from meshes import never
 
+from dronecombat_jax import __main__, cli
 from dronecombat_jax.config import RunConfig, SelfPlayConfig
 from dronecombat_jax.runs import lowered
 from dronecombat_jax.selfplay.chunk import build_advance, init_state
@@ -67,6 +68,12 @@ def test_nothing_is_kept_unless_the_process_is_a_command(kept):
     kept.run()
     kept.run()
     assert len(kept.builds) == 2 and not kept.folder.exists()
+
+
+def test_the_command_keeps_programs_and_a_call_from_python_does_not(kept, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["dronecombat", "--help"])
+    assert cli.main() == 0 and lowered._began is None
+    assert __main__.main() == 0 and lowered._began is not None
 
 
 def test_a_kept_program_is_not_traced_again(kept):

@@ -3,6 +3,8 @@
 Rules, observation and reward live beside it as plain array functions; learning lives in `learn`.
 """
 
+from functools import cached_property
+
 import jax
 import jax.numpy as jnp
 
@@ -10,7 +12,7 @@ from dronecombat_jax.combat.observe import observe_ego, observe_world
 from dronecombat_jax.combat.reward import reward_terms, total
 from dronecombat_jax.combat.rules import detect, forfeit, judge, timeout_decides
 from dronecombat_jax.config import Config
-from dronecombat_jax.sim.flight import build_step, split
+from dronecombat_jax.sim.flight import Step, build_step, split
 from dronecombat_jax.sim.scene import Scene, load_scene
 from dronecombat_jax.types import NUM_AGENTS, Cause, EnvState, StepOutput
 
@@ -33,8 +35,13 @@ class Combat:
     def __init__(self, config: Config, scene: Scene | None = None):
         self.config = config
         self.scene = scene or load_scene(config.sim)
-        self._fly = build_step(config.sim, self.scene)
         self._observe = observe_world if config.game.observation == "world" else observe_ego
+
+    @cached_property
+    def _fly(self) -> Step:
+        """One control step in MJX: made when it is first flown, since to import MJX and to load the model take a second."""
+        with jax.ensure_compile_time_eval():  # constants, also where that is inside a traced function
+            return build_step(self.config.sim, self.scene)
 
     def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """Uniform numbers `[*shape, 9]` in [0, 1), enough to `spawn` that many fights."""

@@ -15,6 +15,19 @@ from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, EnvState
 NEVER = np.zeros(1000, bool)  # alone
 
 
+def test_mjx_is_loaded_by_the_first_flight_and_bound_to_no_trace(arena: SimpleNamespace):
+    """Starts and observations do without. What is made inside a trace must hold constants: an array of that trace has no value later."""
+    combat = Combat(Config(), arena.combat.scene)
+    state = jax.eval_shape(combat.reset, jax.random.key(0))
+    jax.eval_shape(combat.observe, state)
+    assert "_fly" not in vars(combat)
+    jax.eval_shape(combat.step, state, jnp.zeros((2, 4)))
+    fly = jax.jit(combat._fly, compiler_options={"xla_backend_optimization_level": 0})
+    level = jnp.tile(jnp.asarray([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]), 2)
+    _, qvel = fly(level, jnp.zeros(12), -jnp.ones((2, 4)))
+    np.testing.assert_allclose(qvel[2], -9.81 * combat.config.control_dt, rtol=1e-4)  # no thrust: it falls
+
+
 @pytest.mark.parametrize(
     "game",
     [

@@ -81,13 +81,14 @@ def _kept(
 
 
 def _key(config: Config, state: Any, mesh: "jax.sharding.Mesh | None") -> str:
-    """A digest of what a program depends on besides files. Names and seeds do not matter: they are not in it."""
+    """A digest of what a program depends on besides files. A run's name, seed and length are not in it."""
     import jax
 
     run = replace(RunConfig(), seeds_at_once=config.run.seeds_at_once)
+    train = replace(config.train, seed=0, total_steps=1)
     leaves, structure = jax.tree.flatten(state)
     parts = (
-        settings.to_toml(replace(config, train=replace(config.train, seed=0), run=run)),
+        settings.to_toml(replace(config, train=train, run=run)),
         [platform.python_version(), *(f"{package} {metadata.version(package)}" for package in PACKAGES)],
         sorted(f"{key}={value}" for key, value in os.environ.items() if key.startswith(VARIABLES)),
         [jax.default_backend(), *sorted({device.device_kind for device in jax.devices()})],

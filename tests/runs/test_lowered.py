@@ -12,6 +12,7 @@ import toy
 from meshes import never
 
 from dronecombat_jax import __main__, cli
+from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config import RunConfig, SelfPlayConfig
 from dronecombat_jax.runs import lowered
 from dronecombat_jax.selfplay.chunk import build_advance, init_state
@@ -103,20 +104,20 @@ def test_another_program_another_setting_or_another_variable_is_another_file(kep
     assert len(kept.builds) == len(list(kept.folder.iterdir())) == 4
 
 
-def test_names_and_seeds_share_a_file(kept):
+def test_runs_that_differ_in_name_seed_and_length_share_a_file(kept):
     kept.keeps = True
     kept.run()
     elsewhere = RunConfig(name="other", directory="/nowhere", figures=False)
-    kept.run(config=replace(CONFIG, run=elsewhere, train=replace(CONFIG.train, seed=9)))
+    kept.run(config=replace(CONFIG, run=elsewhere, train=replace(CONFIG.train, seed=9, total_steps=10**9)))
     assert len(kept.builds) == 1
 
 
-def test_names_and_seeds_are_not_in_the_program(start):
+def test_name_seed_and_length_are_not_in_the_program(start):
     def text(config):
         advance = build_advance(toy.Coasting(config), toy.CHUNK)
         return jax.jit(advance).lower(start.state).as_text()
 
-    other = replace(CONFIG, run=RunConfig(name="other"), train=replace(CONFIG.train, seed=9))
+    other = replace(CONFIG, run=RunConfig(name="other"), train=replace(CONFIG.train, seed=9, total_steps=10**9))
     assert text(other) == text(CONFIG)
 
 
@@ -156,6 +157,7 @@ def test_a_program_whose_code_was_edited_while_it_was_traced_is_not_kept(kept, s
 
 
 def test_it_depends_on_the_package_the_scene_and_the_libraries():
+    assert callable(Combat(CONFIG)._fly)  # as tracing a flight does: it loads MJX
     files = {Path(file).name for file in lowered._files()}
     assert {"ippo.py", "chunk.py", "flight.py", "lowered.py", "combat.xml"} <= files
     for library in ("jax", "mujoco/mjx", "flax", "optax"):

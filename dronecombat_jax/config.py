@@ -163,6 +163,11 @@ class LearnConfig:
     bootstrap_timeout: bool = setting(
         True, "a time-out is worth the value of its final observation (false: an end, as for the authors)"
     )
+    inactive_steps: Literal["value", "none", "all"] = setting(
+        "value",
+        "who learns from the steps of a drone that is down, whose actions do nothing: the value function alone; "
+        "nobody; policy, value and statistics, as if it flew",
+    )
     normalize_observations: bool = setting(True, "running mean and variance of observations, clipped at 5")
     normalize_values: bool = setting(True, "running mean and variance of returns")
 

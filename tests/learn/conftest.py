@@ -70,6 +70,8 @@ class Probe:
             ),
             terminated=done & ~task.truncates,
             truncated=done & task.truncates,
+            active=~state.out,
+            idle=state.out,
         )
         return after, output
 

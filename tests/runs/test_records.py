@@ -36,7 +36,19 @@ def make_report(**counts: int) -> IterationMetrics:
         name: np.full((SEEDS, ITERATIONS, 2), [i, i + 0.5], np.float32) for i, name in enumerate(UpdateMetrics._fields)
     }
     frozen, opponent = np.full((SEEDS, ITERATIONS), -1), np.full((SEEDS, ITERATIONS), -1.0, np.float32)
-    return IterationMetrics(causes, crashes, steps, RewardTerms(**terms), UpdateMetrics(**learners), frozen, opponent)  # pyright: ignore
+    returns = np.zeros((SEEDS, ITERATIONS, 2), np.float32)
+    returns[1, 2] = 500.0, -250.0
+    return IterationMetrics(  # pyright: ignore
+        causes=causes,
+        crashes=crashes,
+        episode_steps=steps,
+        returns=returns,
+        diverged=causes[..., Cause.DIVERGED],
+        reward_terms=RewardTerms(**terms),
+        learners=UpdateMetrics(**learners),
+        frozen=frozen,
+        opponent=opponent,
+    )
 
 
 REPORT = make_report(intercept=6, reached=4, defender_crash=3, attacker_crash=2, both_crash=1, timeout=3, diverged=1)

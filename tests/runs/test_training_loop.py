@@ -91,7 +91,15 @@ def _report(iterations: int, skipped: int, diverged: int) -> IterationMetrics:
     causes[..., Cause.REACHED] = 2
     nobody = np.full((1, iterations), -1)
     return IterationMetrics(  # pyright: ignore[reportArgumentType]
-        causes, zeros.astype(int), causes[..., 0], RewardTerms(*[zeros] * 7), learners, nobody, nobody
+        causes=causes,
+        crashes=zeros.astype(int),
+        episode_steps=causes[..., 0],
+        returns=zeros,
+        diverged=causes[..., Cause.DIVERGED],
+        reward_terms=RewardTerms(*[zeros] * 7),
+        learners=learners,
+        frozen=nobody,
+        opponent=nobody,
     )
 
 

@@ -129,7 +129,7 @@ def train(args: Sequence[str]) -> int:
     if "fork" not in fork and fork:
         errors.append("--fork-chunk needs --fork NEW_NAME")
     try:
-        config = settings.load(preset, given, check_memory=True)
+        config = settings.load(preset, given, check_machine=True)
     except UserError as error:
         raise UserError("\n".join([*errors, error.message])) from None
     if errors:

@@ -265,6 +265,11 @@ class RunConfig:
     matmul_precision: Literal["default", "tensorfloat32", "float32"] = setting(
         "default", "of matrix products on a GPU or TPU (default: JAX's choice; a CPU always computes in float32)"
     )
+    keep: str = setting(
+        "all",
+        'checkpoints that stay: all; "every N", those of every N-th chunk; "last N". The newest two always stay. '
+        "Tournaments play those that are there",
+    )
     figures: bool = setting(True, "draw learning curves at the end")
     video: bool = setting(True, "render a picture and a short video of a fight at the end")
     evaluation_fights: int = setting(256, "fights of the evaluation at the end of training", low=1, high=10**6)

@@ -35,7 +35,7 @@ def load_run(path: Path, chunk: int | None = None) -> SavedRun:
     """Read a checkpoint (`chunk` 0: untrained; None: the newest) and the configuration it was made with. UserError 3."""
     start = newest_start(RunDirectory(path), chunk)
     combat = Combat(start.config)
-    return SavedRun(start.config, combat, start.iteration, load_state(start, combat))
+    return SavedRun(start.config, combat, start.iteration, load_state(start, combat, pools=False))
 
 
 def policies(run: SavedRun, seed_index: int) -> tuple[Policy, Policy]:

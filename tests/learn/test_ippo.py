@@ -107,6 +107,14 @@ def test_reward_that_comes_later_is_discounted(learn):
             assert sign * result.value(agent, 1.0, clock) == pytest.approx(expected, abs=0.07), clock
 
 
+def test_what_comes_after_a_crash_is_part_of_the_crashs_worth(learn):
+    """The drones fly for one step, lie there for three, and the last step pays 1 or -1."""
+    result = learn(last=(1.0, -1.0), length=4, flies=1)
+    for agent, sign in ((DEFENDER, 1.0), (ATTACKER, -1.0)):
+        for clock, expected in enumerate((0.729, 0.81, 0.9, 1.0)):
+            assert sign * result.value(agent, 1.0, clock) == pytest.approx(expected, abs=0.07), clock
+
+
 def test_a_time_out_is_worth_the_value_of_its_final_observation(learn):
     # one reward a step for ever: 1 / (1 - 0.9) = 10, though every fight is cut after two steps
     endless = learn(constant=1.0, length=2, truncates=True)

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 from tiny import CHUNK, COMMAND, STEPS, finish, interrupt, kill_while_compiling
 from tiny import train as begin
+from saved_runs import newest
 
 from dronecombat_jax import cli, settings
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED
@@ -89,9 +90,9 @@ def test_other_settings_in_the_same_directory_are_refused_by_name(whole, capsys)
 def test_a_killed_run_goes_on_to_the_same_bits(whole):
     run = whole.root / "killed"
     kill_while_compiling(train(whole.root, "killed"))
-    assert checkpoint.steps(run / "checkpoints") == [0] and checkpoint.latest(run / "checkpoints") == 0
+    assert checkpoint.steps(run / "checkpoints") == [0] and newest(run / "checkpoints") == 0
     code, _, _ = interrupt(train(whole.root, "killed"), run, after=4, number=signal.SIGKILL)
-    assert code == -signal.SIGKILL and (checkpoint.latest(run / "checkpoints") or 0) < CHUNKS * CHUNK
+    assert code == -signal.SIGKILL and (newest(run / "checkpoints") or 0) < CHUNKS * CHUNK
     code, out, err = finish(train(whole.root, "killed", "--run.no-figures"))  # what the run leaves may change
     assert code == 0 and "resuming after" in out, err
     assert digest(run) == digest(whole.path)

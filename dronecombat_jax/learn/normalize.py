@@ -22,8 +22,9 @@ def update_scaler(scaler: Scaler, batch: jax.Array, weight: jax.Array) -> Scaler
     axes = tuple(range(weight.ndim))
     counts = weight.reshape(*weight.shape, *[1] * scaler.mean.ndim)
     count = jnp.sum(weight)
-    mean = jnp.sum(batch * counts, axis=axes) / count
-    variance = jnp.sum((batch - mean) ** 2 * counts, axis=axes) / (count - 1.0)
+    # Times the reciprocal, not divided by: which of the two XLA compiles, and so the last bit, would be the program's choice.
+    mean = jnp.sum(batch * counts, axis=axes) * (1.0 / count)
+    variance = jnp.sum((batch - mean) ** 2 * counts, axis=axes) * (1.0 / (count - 1.0))
     total = scaler.count + count
     delta = mean - scaler.mean
     m2 = scaler.variance * scaler.count + variance * count + delta**2 * scaler.count * count / total

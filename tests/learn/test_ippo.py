@@ -108,11 +108,11 @@ def test_reward_that_comes_later_is_discounted(learn):
 
 
 def test_what_comes_after_a_crash_is_part_of_the_crashs_worth(learn):
-    """The drones fly for one step, lie there for three, and the last step pays 1 or -1."""
-    result = learn(last=(1.0, -1.0), length=4, flies=1)
+    """The drones fly for three steps, lie there for three, and the last step pays 1 or -1."""
+    result = learn(last=(1.0, -1.0), length=6, flies=3)
     for agent, sign in ((DEFENDER, 1.0), (ATTACKER, -1.0)):
-        for clock, expected in enumerate((0.729, 0.81, 0.9, 1.0)):
-            assert sign * result.value(agent, 1.0, clock) == pytest.approx(expected, abs=0.07), clock
+        for clock in range(6):
+            assert sign * result.value(agent, 1.0, clock) == pytest.approx(0.9 ** (5 - clock), abs=0.08), clock
 
 
 def test_a_time_out_is_worth_the_value_of_its_final_observation(learn):

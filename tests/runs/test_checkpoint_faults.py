@@ -20,7 +20,7 @@ from saved_runs import newest
 from dronecombat_jax.runs import checkpoint
 from dronecombat_jax.runs.atomic import sweep
 from dronecombat_jax.runs.checkpoint import CheckpointError
-from dronecombat_jax.runs.manifest import NewerCheckpoint
+from dronecombat_jax.runs.manifest import SCHEMA, NewerCheckpoint
 
 # Forks children that have imported everything, so that a kill costs the saves and not the imports.
 KILLER = """
@@ -250,7 +250,7 @@ def rewrite_manifest(directory: Path, **changes: object):
 def test_a_newer_format_says_upgrade_and_is_not_set_aside(golden: Path, tmp_path: Path):
     directory = tmp_path / "checkpoints"
     shutil.copytree(golden, directory)
-    rewrite_manifest(directory, schema=2)
+    rewrite_manifest(directory, schema=SCHEMA + 1)
     for attempt in (checkpoint.latest, lambda where: checkpoint.save(where, 5, small_state(), {})):
         with pytest.raises(NewerCheckpoint, match="upgrade dronecombat-jax"):
             attempt(directory)

@@ -93,7 +93,7 @@ def test_a_time_out_can_count_for_the_defender():
 def test_rewards_returns_and_learners_by_role():
     row = records(CONFIG, REPORT, 3)[-1]
     assert [row[f"reward/attacker/{name}"] for name in RewardTerms._fields] == [-1.0 * i for i in range(7)]
-    assert row["return/defender"] == pytest.approx(0.5 * 21 * 30) and row["return/attacker"] == pytest.approx(-21 * 30)
+    assert (row["return/defender"], row["return/attacker"]) == (500.0 / 20, -250.0 / 20)
     for i, name in enumerate(UpdateMetrics._fields):
         assert (row[f"{name}/defender"], row[f"{name}/attacker"]) == (i, i + 0.5)
 

@@ -6,6 +6,7 @@ The programs are the toy's; what a user's process does is in `test_training` and
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import jax
 import numpy as np
@@ -18,7 +19,7 @@ from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.runs import checkpoint, provenance
 from dronecombat_jax.runs.evaluation import load_run
 from dronecombat_jax.runs.manifest import CheckpointError, Manifest, state_digest
-from dronecombat_jax.runs.past_players import Players, filled_slots
+from dronecombat_jax.runs.past_players import Players, emptied, filled_slots
 from dronecombat_jax.runs.provenance import check_meta, describe
 from dronecombat_jax.runs.resume import Start, find_start, read_start, restored_state
 from dronecombat_jax.runs.rundir import RunDirectory
@@ -41,14 +42,21 @@ def run(request, tmp_path_factory) -> SimpleNamespace:
     config = METHODS[request.param]
     program = build(config, 1)
     directory = RunDirectory(tmp_path_factory.mktemp(request.param))
-    state = program.start
+    state, reports = program.start, []
     for iteration in range(WHOLE + 1):
         if iteration in (0, HALF, INSIDE):
             save(directory, config, state)
         if iteration < WHOLE:
-            state, _ = program.run(state)
+            state, report = program.run(state)
+            reports.append(digest(report))
     return SimpleNamespace(
-        name=request.param, config=config, program=program, directory=directory, digest=digest(state), last=state
+        name=request.param,
+        config=config,
+        program=program,
+        directory=directory,
+        digest=digest(state),
+        reports=reports,
+        last=state,
     )
 
 
@@ -60,13 +68,16 @@ def save(directory: RunDirectory, config: Config, state: TrainState) -> None:
     checkpoint.save(directory.checkpoints, iteration, apart, describe(config, iteration), players=roster)
 
 
-def digest(state: TrainState) -> str:
+def digest(state: Any) -> str:
     return state_digest(flatten(jax.device_get(state)))
 
 
-def fly_on(run: SimpleNamespace, state: TrainState) -> TrainState:
+def fly_on(run: SimpleNamespace, state: TrainState, reports: list[str] | None = None) -> TrainState:
+    """The state at the end; digests of what was reported are appended to `reports`."""
     for _ in range(WHOLE - int(state.iteration[0])):
-        state, _ = run.program.run(state)
+        state, report = run.program.run(state)
+        if reports is not None:
+            reports.append(digest(report))
     return state
 
 
@@ -84,8 +95,9 @@ def test_a_run_that_lost_any_leaf_of_its_state_is_another_run(run):
     unnoticed = []
     for i, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(state)):
         lost = np.zeros_like(leaf) if np.any(leaf) else np.ones_like(leaf)
-        after = fly_on(run, jax.tree.unflatten(structure, [*leaves[:i], lost, *leaves[i + 1 :]]))
-        if digest(after) == run.digest:
+        reports: list[str] = []
+        after = fly_on(run, jax.tree.unflatten(structure, [*leaves[:i], lost, *leaves[i + 1 :]]), reports)
+        if digest(after) == run.digest and reports == run.reports[INSIDE:]:
             unnoticed.append(jax.tree_util.keystr(path))
     assert unnoticed == [] and len(leaves) > 50
 
@@ -93,6 +105,8 @@ def test_a_run_that_lost_any_leaf_of_its_state_is_another_run(run):
 def test_a_checkpoint_without_any_one_of_its_leaves_is_refused_by_its_name(run, tmp_path):
     arrays, manifest = checkpoint.load(run.directory.checkpoints, INSIDE)
     template = jax.eval_shape(lambda: init_state(run.program.combat))
+    if manifest.players is not None:
+        template = template.replace(selfplay=emptied(template.selfplay))
     for gone in manifest.leaves:
         rest = tuple(leaf for leaf in manifest.leaves if leaf != gone)
         with pytest.raises(CheckpointError, match=f"{gone.path}: expected .*, got nothing"):
@@ -138,7 +152,7 @@ def test_a_reader_needs_nothing_but_the_checkpoint(run):
     newest = load_run(run.directory.path)
     assert newest.config == run.config and newest.iteration == INSIDE
     assert load_run(run.directory.path, chunk=3).iteration == HALF
-    assert_same_bits(load_run(run.directory.path, chunk=0).state, run.program.start)
+    assert_same_bits(load_run(run.directory.path, chunk=0).state.learners, run.program.start.learners)
     with pytest.raises(UserError, match="no checkpoint 8") as caught:
         load_run(run.directory.path, chunk=4)
     assert caught.value.exit_code == EXIT_DATA

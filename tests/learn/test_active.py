@@ -16,6 +16,7 @@ from dronecombat_jax.learn.rollout import collect, policy_of, select
 from dronecombat_jax.selfplay.chunk import reset_fights
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, Learner, Transition, UpdateMetrics
 
+
 class Updated(NamedTuple):
     """Both agents after an update."""
 
@@ -170,7 +171,9 @@ def test_weighted_mathematics_is_that_of_the_steps_that_count():
 
 def test_a_log_std_at_its_floor_leaves_it_when_more_noise_pays(rollout):
     """A clip in the loss has no gradient below the floor: the parameter stayed there for ever."""
-    learn = replace(LEARN, min_log_std=-0.5, initial_log_std=-0.5, entropy_scale=10.0, learning_rate_schedule="constant")
+    learn = replace(
+        LEARN, min_log_std=-0.5, initial_log_std=-0.5, entropy_scale=10.0, learning_rate_schedule="constant"
+    )
     start = jax.vmap(lambda key: init_learner(key, learn))(jax.random.split(jax.random.key(1)))
     below = start.parameters.log_std - 0.01
     learn_below = start.replace(parameters=start.parameters.replace(log_std=below))

@@ -43,7 +43,10 @@ def test_many_batches_agree_with_numpy():
 
 def test_a_scaler_of_single_numbers_takes_any_leading_axes():
     batch = jnp.asarray(np.random.default_rng(1).normal(size=(6, 4)), jnp.float32)
-    table, row = update_scaler(init_scaler(()), batch, jnp.ones(batch.shape)), update_scaler(init_scaler(()), batch.reshape(-1), jnp.ones(batch.size))
+    table, row = (
+        update_scaler(init_scaler(()), batch, jnp.ones(batch.shape)),
+        update_scaler(init_scaler(()), batch.reshape(-1), jnp.ones(batch.size)),
+    )
     assert table.mean.shape == () and table.count == 25
     np.testing.assert_allclose(table.mean, row.mean, rtol=1e-6)
     np.testing.assert_allclose(table.variance, row.variance, rtol=1e-6)

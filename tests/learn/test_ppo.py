@@ -71,10 +71,14 @@ def test_lambda_one_gives_returns_and_lambda_zero_gives_the_temporal_difference(
 
 def test_advantage_normalisation():
     # mean 2, deviation with ddof 1: sqrt((1 + 0 + 1) / 2) = 1
-    np.testing.assert_allclose(ppo.normalize_advantages(jnp.asarray([1.0, 2.0, 3.0]), jnp.ones(3)), [-1.0, 0.0, 1.0], atol=1e-7)
+    np.testing.assert_allclose(
+        ppo.normalize_advantages(jnp.asarray([1.0, 2.0, 3.0]), jnp.ones(3)), [-1.0, 0.0, 1.0], atol=1e-7
+    )
     scaled = ppo.normalize_advantages(jnp.arange(12.0).reshape(3, 4) * 50.0 - 7.0, jnp.ones((3, 4)))
     assert np.mean(scaled) == pytest.approx(0.0, abs=1e-6) and np.std(scaled, ddof=1) == pytest.approx(1.0)
-    assert ppo.normalize_advantages(jnp.full((4, 2), 3.0), jnp.ones((4, 2))).tolist() == [[0.0] * 2] * 4  # no deviation: no NaN
+    assert (
+        ppo.normalize_advantages(jnp.full((4, 2), 3.0), jnp.ones((4, 2))).tolist() == [[0.0] * 2] * 4
+    )  # no deviation: no NaN
 
 
 def policy_loss(ratio: list[float], advantage: list[float]) -> jax.Array:
@@ -89,7 +93,9 @@ def test_policy_loss_worked_by_hand():
 
 def test_policy_gradient_is_that_of_the_surrogate_and_stops_where_it_is_clipped():
     def slope(ratio: float, advantage: float) -> float:
-        gradient = jax.grad(lambda log_ratio: ppo.policy_loss(log_ratio[None], jnp.asarray([advantage]), jnp.ones(1), 0.2))
+        gradient = jax.grad(
+            lambda log_ratio: ppo.policy_loss(log_ratio[None], jnp.asarray([advantage]), jnp.ones(1), 0.2)
+        )
         return float(gradient(jnp.log(ratio)))
 
     assert slope(1.0, 2.0) == pytest.approx(-2.0)  # d/d(log r) of -r A at r = 1

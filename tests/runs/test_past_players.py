@@ -109,7 +109,9 @@ def test_a_pool_that_a_killed_process_left_is_used_and_another_is_replaced(saved
     assert (copied / "checkpoints/players/1.safetensors").stat().st_mtime_ns == before
 
 
-@pytest.mark.parametrize("fault", [flip, Path.unlink, lambda path: path.write_bytes(b"")], ids=["flip", "gone", "empty"])
+@pytest.mark.parametrize(
+    "fault", [flip, Path.unlink, lambda path: path.write_bytes(b"")], ids=["flip", "gone", "empty"]
+)
 def test_a_damaged_player_is_made_again_from_its_own_checkpoint(saved, copied, fault, caplog):
     fault(copied / "checkpoints/players/2.safetensors")
     assert_same_bits(loaded(copied), saved[1][-1])
@@ -158,7 +160,9 @@ def test_a_reader_of_policies_needs_no_past_player(saved, copied):
     shutil.rmtree(copied / "checkpoints/players")
     start = find_start(RunDirectory(saved[0]), SELFPLAY)
     assert start is not None
-    state = load_state(start._replace(checkpoints=copied / "checkpoints", members=None), Coasting(SELFPLAY), pools=False)
+    state = load_state(
+        start._replace(checkpoints=copied / "checkpoints", members=None), Coasting(SELFPLAY), pools=False
+    )
     assert_same_bits(state.learners, saved[1][-1].learners)
     with pytest.raises(UserError) as caught:
         load_state(start._replace(checkpoints=copied / "checkpoints", members=None), Coasting(SELFPLAY))

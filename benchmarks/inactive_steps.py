@@ -58,7 +58,7 @@ def policy_step(learn: LearnConfig, learner: Learner, rollout: Transition) -> np
 
 def main() -> None:
     """Print one line for each draw and value of `learn.inactive_steps`."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--chunk", type=int, default=None)
     parser.add_argument("--seeds", type=int, default=3, help="draws")

@@ -210,7 +210,7 @@ def optimize(learn: LearnConfig, learner: Learner, batch: Batch, key: jax.Array)
         finite = jnp.isfinite(norm)
         taken = finite & jnp.any(minibatch.weight + minibatch.value_weight > 0.0)
         keep = lambda new, old: jnp.where(taken, new, old)
-        moved = project_log_std(moved, learn)
+        moved = project_log_std(moved, learn)  # pyright: ignore[reportArgumentType] - as they came
         carry = (jax.tree.map(keep, moved, parameters), jax.tree.map(keep, stepped, state), learning_rate)
         weights = jnp.sum(minibatch.weight), jnp.sum(minibatch.value_weight)
         return carry, (metrics, weights, norm, ~finite)

@@ -61,9 +61,9 @@ class StoredFile(NamedTuple):
 
 
 class Roster(NamedTuple):
-    """The past players that a checkpoint needs (`past_players`): slots 0 to `count` - 1, and a digest over all."""
+    """The past players that a checkpoint needs (`past_players`): slots 0, 1, ... and a digest over all."""
 
-    count: int
+    slots: int  # how many
     digest: str
 
 

@@ -52,14 +52,14 @@ class Players:
 
     def read(self, roster: Roster) -> list[Arrays]:
         """Every player of `roster`, proven; raises CheckpointError that names the first that is wrong."""
-        members = [self._read(slot) for slot in range(roster.count)]
+        members = [self._read(slot) for slot in range(roster.slots)]
         if _roster(state_digest(arrays) for arrays in members) != roster:
             raise CheckpointError(f"{self._folder}: these are not the past players that the checkpoint was saved with")
         return members
 
     def damaged(self, roster: Roster) -> list[int]:
         """Slots of `roster` whose file is missing or unsound."""
-        return [slot for slot in range(roster.count) if self._digest(slot) is None]
+        return [slot for slot in range(roster.slots) if self._digest(slot) is None]
 
     def mend(self, slot: int, state: "TrainState") -> None:
         """Write slot `slot` again from `state`, the checkpoint of that chunk's start; NumPy leaves [S, ...]."""

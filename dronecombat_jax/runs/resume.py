@@ -134,14 +134,14 @@ def load_state(start: Start, combat: "Combat", *, pools: bool = True) -> "TrainS
 
     then, manifest = Combat(start.config, combat.scene), start.manifest
     template = jax.eval_shape(lambda: init_state(then))
-    if apart := template.selfplay is not None and manifest.players is not None:
+    roster = manifest.players
+    if roster is not None and template.selfplay is not None:
         template = template.replace(selfplay=emptied(template.selfplay))
     if old := not any(leaf.path.startswith("flown/") for leaf in manifest.leaves):
         template = template.replace(flown=None)
     state = checkpoint.restore(start.checkpoints, manifest, template, hint="was it written by another version?")
-    if apart and pools:
-        members = start.members
-        members = Players(start.checkpoints).read(manifest.players) if members is None else members
+    if roster is not None and pools:
+        members = Players(start.checkpoints).read(roster) if start.members is None else start.members
         state = state.replace(selfplay=with_players(state.selfplay, members))
     return brought_up_to_date(state, start.config) if old else state
 

@@ -12,10 +12,9 @@ import jax
 import ml_dtypes
 import numpy as np
 import pytest
-
-import dronecombat_jax.runs
 from saved_runs import newest
 
+import dronecombat_jax.runs
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, EXIT_DIVERGED, UserError
 from dronecombat_jax.runs import checkpoint
 from dronecombat_jax.runs.checkpoint import CheckpointError

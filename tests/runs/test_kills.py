@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from tiny import CHUNK, COMMAND, ENVIRONMENT, STEPS
-from saved_runs import newest
 
 from dronecombat_jax import cli
 from dronecombat_jax.runs import checkpoint, metrics

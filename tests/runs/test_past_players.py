@@ -92,7 +92,7 @@ def test_what_was_saved_comes_back_and_no_checkpoint_holds_a_pool(saved):
     ]
     manifest = checkpoint.verify(home / "checkpoints", CHUNKS * SELFPLAY.train.chunk_iterations)
     shapes = {leaf.shape[1] for leaf in manifest.leaves if "/policies/" in leaf.path}
-    assert shapes == {0} and manifest.players is not None and manifest.players.count == CHUNKS
+    assert shapes == {0} and manifest.players is not None and manifest.players.slots == CHUNKS
 
 
 def test_inside_a_chunk_its_own_start_is_in_the_pool():
@@ -143,15 +143,17 @@ def test_another_runs_players_are_refused(saved, copied):
 def test_a_disk_that_refuses_a_player_is_one_line(saved, tmp_path):
     (tmp_path / "checkpoints").mkdir()
     (tmp_path / "checkpoints/players").write_text("a file in its place")
-    with pytest.raises(UserError, match="cannot write .*players") as caught:
+    with pytest.raises(UserError, match=r"cannot write .*players") as caught:
         Players(tmp_path / "checkpoints").store(saved[1][-1], CHUNKS)
     assert caught.value.exit_code == 73 and "\n" not in caught.value.message
 
 
 def test_emptied_pools_keep_their_records(saved):
     selfplay = saved[1][-1].selfplay
+    assert selfplay is not None
     small = emptied(selfplay)
     for pool, whole in zip(small.pools, selfplay.pools, strict=True):
+        assert pool is not None and whole is not None
         assert_same_bits((pool.wins, pool.games), (whole.wins, whole.games))
         assert all(leaf.size == 0 for leaf in jax.tree.leaves(pool.policies))
 

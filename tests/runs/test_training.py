@@ -10,9 +10,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from saved_runs import newest
 from tiny import CHUNK, COMMAND, STEPS, finish, interrupt, kill_while_compiling
 from tiny import train as begin
-from saved_runs import newest
 
 from dronecombat_jax import cli, preflight, settings
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED

@@ -6,7 +6,7 @@ process proves nothing, so this starts N of them, one after another, each under 
     python -m benchmarks.hangs step-cores --processes 100 --python .venv/bin/python
     python -m benchmarks.hangs smoke smoke-2 --processes 20 --json build/hangs.json
 
-Prints a table and, as the last line, one JSON object. Exit code 0 if every process finished, else 1.
+Prints a table and, as the last line, one JSON object. Exit code 0 if all finished, else 1.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from benchmarks.patience import AT_WORK, cpu_seconds
 from benchmarks.record import PREFIXES, ROOT
 from benchmarks.size import Size
 
@@ -32,39 +33,43 @@ names = ("jax", "jaxlib", "flax", "mujoco", "mujoco-mjx")
 print(json.dumps({"python": platform.python_version(), "cores": len(os.sched_getaffinity(0)),
                   **{name: metadata.version(name) for name in names}}))
 """
+LOOK_SECONDS = 20.0  # at a process whose time is over: does it compute?
 CALLS = 2  # of the three programs of a part of the benchmark, after the first ones
 TAIL = 500  # characters of stderr that are kept of a process that did not finish
 
 
 class Process(NamedTuple):
-    """One process: `verdict` is finished, failed or hung (killed at the limit)."""
+    """One process: `verdict` is finished, failed, or, killed at the limit, slow or hung.
+
+    A hung one took no time of a processor any more: a deadlock, not slowness.
+    """
 
     number: int
     verdict: str
     exit_code: int
     seconds: float  # wall clock
-    cpu_seconds: float  # near 0 per second of a hung one: a deadlock, not slowness
+    cpu_seconds: float
     stderr: str
 
 
 def part(number: int, folder: str) -> list[str]:
-    """The environment alone, a virtual device per core: the part of `make bench` that hung with jax 0.10.1."""
+    """The environment alone, a virtual device per core: what hung with jax 0.10.1 in `make bench`."""
     return ["benchmarks.worker", "step-cores", Size().to_json()]
 
 
 def training(num_seeds: int) -> Callable[[int, str], list[str]]:
-    """A smoke training of `num_seeds` seeds from `number` on; several are spread over virtual devices."""
+    """A smoke training of seeds from `number` on; several are spread over virtual devices."""
 
     def words(number: int, folder: str) -> list[str]:
         return [
-            *("dronecombat_jax", "train", "--preset", "smoke", "--seed", str(number)),
-            *("--train.num-seeds", str(num_seeds), "--name", f"smoke-{number}", "--run.directory", folder),
+            *("dronecombat_jax", "train", "--preset", "smoke", "--run.directory", folder),
+            *("--seed", str(number), "--train.num-seeds", str(num_seeds), "--name", f"smoke-{number}"),
         ]
 
     return words
 
 
-# What can be looped over: the words after `python -m`, of a process's number and a folder that goes with it.
+# What can be looped over: the words after `python -m`, for a process's number and a folder of its own.
 PROGRAMS: dict[str, Callable[[int, str], list[str]]] = {
     "step-cores": part,
     "smoke": training(1),
@@ -102,7 +107,7 @@ def main() -> int:
 
 
 def loop(name: str, count: int, python: str, limit: float, cold: bool) -> dict[str, Any]:
-    """`count` processes of a program, one after another; how many ended in which way, and each of them."""
+    """`count` processes of a program, one after another; how many ended in which way, and each."""
     print(f"{name:>11} {'verdict':>9} {'exit':>5} {'seconds':>8} {'cpu s':>8}")
     processes = []
     for number in range(1, count + 1):
@@ -116,13 +121,14 @@ def loop(name: str, count: int, python: str, limit: float, cold: bool) -> dict[s
         _, verdict, exit_code, seconds, cpu_seconds, _ = processes[-1]
         print(f"{number:11} {verdict:>9} {exit_code:5} {seconds:8.1f} {cpu_seconds:8.1f}", flush=True)
     verdicts = [process.verdict for process in processes]
-    counts = {verdict: verdicts.count(verdict) for verdict in ("finished", "failed", "hung")}
-    print(f"{name}: {counts['finished']} of {count} finished, {counts['failed']} failed, {counts['hung']} hung")
+    counts = {verdict: verdicts.count(verdict) for verdict in ("finished", "failed", "slow", "hung")}
+    others = ", ".join(f"{number} {verdict}" for verdict, number in list(counts.items())[1:])
+    print(f"{name}: {counts['finished']} of {count} finished, {others}")
     return counts | {"processes": [process._asdict() for process in processes]}
 
 
 def run(number: int, command: Sequence[str], environment: dict[str, str], limit: float) -> Process:
-    """One process, killed after `limit` seconds. A part of the benchmark is asked for `CALLS` more calls."""
+    """One process, killed after `limit` seconds. A part of the benchmark does `CALLS` more calls."""
     before, start = _child_cpu_seconds(), time.monotonic()
     with tempfile.TemporaryFile("w+") as stderr:
         process = subprocess.Popen(
@@ -139,7 +145,7 @@ def run(number: int, command: Sequence[str], environment: dict[str, str], limit:
             process.communicate("again\n" * CALLS, timeout=limit)
             verdict = "finished" if process.returncode == 0 else "failed"
         except subprocess.TimeoutExpired:
-            verdict = "hung"
+            verdict = "slow" if computes(process.pid) else "hung"
         finally:
             if process.poll() is None:  # also when this benchmark itself is interrupted
                 os.killpg(process.pid, signal.SIGKILL)
@@ -148,6 +154,13 @@ def run(number: int, command: Sequence[str], environment: dict[str, str], limit:
         words = "" if verdict == "finished" else stderr.read()[-TAIL:]
     seconds, cpu_seconds = time.monotonic() - start, _child_cpu_seconds() - before
     return Process(number, verdict, exit_code, round(seconds, 2), round(cpu_seconds, 2), words)
+
+
+def computes(pid: int) -> bool:
+    """Whether a process takes time of a processor: one in a deadlock sleeps."""
+    before = cpu_seconds(pid)
+    time.sleep(LOOK_SECONDS)
+    return cpu_seconds(pid) - before >= AT_WORK * LOOK_SECONDS
 
 
 def _child_cpu_seconds() -> float:

@@ -1,8 +1,8 @@
 """How long a benchmark waits for a child: XLA's CPU runtime of jax 0.10 sleeps for ever on two cores.
 
-A child says that it is alive after each program that it has compiled or called. If it says nothing for two minutes and
-takes no time of a processor either, it has hung: it is killed, and the benchmark goes on without it. What does not live
-here: what a child says otherwise (`worker`, `start`).
+A child says that it is alive after each program that it has compiled or called. If it says nothing
+for two minutes and takes no time of a processor either, it has hung: it is killed, and the benchmark
+goes on without it. What does not live here: what a child says otherwise (`worker`, `start`).
 """
 
 import contextlib
@@ -64,7 +64,8 @@ class Watch:
         used, silent = cpu_seconds(self._process.pid) - self._cpu_seconds, now - self._silent_since
         if used < AT_WORK * SECONDS or silent >= MOST_SECONDS:
             self._process.kill()
-            raise Hung(f"{self._name} hung: silent for {silent:.0f} s, {used:.1f} s of CPU in the last {SECONDS:.0f} s")
+            last = f"{used:.1f} s of CPU in the last {now - self._asked_at:.0f} s"
+            raise Hung(f"{self._name} hung: silent for {silent:.0f} s, {last}")
         self._asked_at, self._cpu_seconds = now, self._cpu_seconds + used
 
 
@@ -72,7 +73,7 @@ class Listener:
     """Lines of a child's stdout, none of them waited for without end."""
 
     def __init__(self, process: subprocess.Popen[str], name: str):
-        """`process`, its stdout a pipe of text, which only this object reads; `name` is for the message."""
+        """`process`, its stdout a pipe of text that nobody else reads; `name` is for the message."""
         self._process, self._name = process, name
         self._lines: queue.Queue[str] = queue.Queue()
         threading.Thread(target=self._read, daemon=True).start()

@@ -5,8 +5,8 @@
 
 Every size is a part of the benchmark (`worker`) at another size, in a process of its own, one after the other: its
 programs are compiled, called once and then repeated. Peak memory is that of the process, compiler and all. Sizes that
-need more memory than there is, and sizes that hang (`patience`), are left out and named; the exit code is 1 where a
-size has hung. Prints Markdown tables and writes a JSON file.
+need more memory than there is, and sizes that hang (`patience`), are left out and named; the exit code
+is 1 where a size has hung. Prints Markdown tables and writes a JSON file.
 """
 
 import argparse

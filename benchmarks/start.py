@@ -32,8 +32,8 @@ def first_line(preset: str, cache: Path, runs: Path, flags: tuple[str, ...] = ()
     """Start a training, wait for the first line that shows progress, and end it.
 
     Seconds since the command was given until it compiles, has compiled, and shows its first line; the compilation
-    itself as the command reports it. RuntimeError where training ends before it has shown anything; `patience.Hung`
-    where it hangs.
+    itself as the command reports it. RuntimeError where training ends before it has shown anything;
+    `patience.Hung` where it hangs.
     """
     command = [sys.executable, "-m", "dronecombat_jax", "train", "--preset", preset, "--name", RUN]
     command += ["--run.directory", str(runs), "--run.no-video", "--run.no-figures", *flags]

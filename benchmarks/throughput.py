@@ -5,9 +5,9 @@
 
 Every part lives in a process of its own (`worker`), built one after the other with a cold compile cache. Then rounds:
 in each of them every part runs once, every other round in reverse order. All ratios are of figures of the same round,
-so that a shared host's drift hits both sides; medians, minima and maxima are over rounds. A part that hangs is killed
-(`patience`), named and left out of the rest, and the exit code is then 1. Prints the tables of docs/performance.md and
-writes everything to a JSON file. Needs about 8 GiB of free memory.
+so that a shared host's drift hits both sides; medians, minima and maxima are over rounds. A part
+that hangs is killed (`patience`), named and left out of the rest, and the exit code is then 1. Prints
+the tables of docs/performance.md and writes everything to a JSON file. Needs about 8 GiB of free memory.
 """
 
 import argparse
@@ -84,13 +84,19 @@ def measure(parts: list[str], size: Size, rounds: int, cache: Path | None = None
             say(f"round {number + 1} of {rounds}")
             record["rounds"].append({})
             for worker in workers if number % 2 == 0 else reversed(workers):
-                if worker.name not in record["hung"]:
-                    with going_on(record, worker.name):
-                        rates = worker.repeat()
-                        record["rounds"][-1] |= {f"{worker.name}/{program}": rate for program, rate in rates.items()}
+                take_turn(record, worker)
     record["load"] = load.cores()
     record["seconds"] = time.monotonic() - begun
     return record | derive(record)
+
+
+def take_turn(record: dict[str, Any], worker: Worker) -> None:
+    """Let a part that has not hung run once, for the last round of the record."""
+    if worker.name in record["hung"]:
+        return
+    with going_on(record, worker.name):
+        rates = worker.repeat()
+        record["rounds"][-1] |= {f"{worker.name}/{name}": rate for name, rate in rates.items()}
 
 
 @contextmanager

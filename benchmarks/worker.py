@@ -2,8 +2,8 @@
 
 The child builds its programs with a cold compile cache, calls each once, and reports. It then stays alive and runs
 every program once whenever it is told to: parts take turns, so that a shared host's drift hits all alike. One JSON
-object a line in both directions. A child that hangs is killed (`patience`). What does not live here: the parts
-themselves (`ceilings`, `references`, `stepping`, `training`).
+object a line in both directions. A child that hangs is killed (`patience`). What does not live here:
+the parts themselves (`ceilings`, `references`, `stepping`, `training`).
 """
 
 import importlib

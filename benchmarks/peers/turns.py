@@ -100,9 +100,12 @@ class Peer:
         self._errors.close()
 
     def _answer(self) -> dict[str, Any]:
-        while line := self._listener.next_line():  # libraries print, too
-            if line.startswith("{"):
-                return json.loads(line)
+        try:
+            while line := self._listener.next_line():  # libraries print, too
+                if line.startswith("{"):
+                    return json.loads(line)
+        except patience.Hung as hung:
+            sys.exit(f"error: {hung}")
         self._process.wait()
         self._errors.seek(0)
         sys.exit(f"{self.name} ended with {self._process.returncode}:\n{self._errors.read()}")

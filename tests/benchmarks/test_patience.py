@@ -1,4 +1,4 @@
-"""A child that hangs is killed and named, and the benchmark goes on; one that only takes long is waited for."""
+"""A child that hangs is killed and named, and the benchmark goes on; a slow one is waited for."""
 
 import json
 import os
@@ -22,7 +22,7 @@ def impatient(monkeypatch):
 
 @pytest.fixture
 def asleep(tmp_path, monkeypatch):
-    """Children that have `mujoco`, `iteration` or `train` among their words sleep instead; the others are themselves."""
+    """Children with `mujoco`, `iteration` or `train` among their words sleep; others do as they do."""
     script = tmp_path / "python"
     asleep = "case \" $* \" in *' mujoco '*|*' iteration '*|*' train '*) exec sleep 1000 ;; esac"
     script.write_text(f'#!/bin/sh\n{asleep}\nexec "{sys.executable}" "$@"\n')
@@ -38,7 +38,7 @@ def test_a_child_that_sleeps_is_killed_and_named(impatient):
     process = child("import time; print('first'); time.sleep(1000)")
     listener = patience.Listener(process, "part x")
     assert listener.next_line() == "first\n"
-    with pytest.raises(patience.Hung, match=r"^part x hung: silent for \d+ s, 0\.\d s of CPU in the last 3 s$"):
+    with pytest.raises(patience.Hung, match=r"^part x hung: silent for \d+ s, 0\.\d s of CPU in the last \d s$"):
         listener.next_line()
     assert process.wait(10) == -signal.SIGKILL
 
@@ -58,7 +58,8 @@ def test_a_child_that_ends_is_not_called_hung():
     assert [listener.next_line(), listener.next_line()] == ["first\n", ""]
 
 
-def test_the_benchmark_goes_on_without_the_parts_that_hang(tmp_path, monkeypatch, capsys, impatient, asleep):
+@pytest.mark.usefixtures("impatient", "asleep")
+def test_the_benchmark_goes_on_without_the_parts_that_hang(tmp_path, monkeypatch, capsys):
     repeat, stopped = worker.Worker.repeat, []
 
     def stop_numpy(self):  # it was built, and hangs in the second round

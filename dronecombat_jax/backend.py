@@ -22,13 +22,17 @@ from dronecombat_jax import preflight
 from dronecombat_jax.errors import UserError
 
 BAD_JAX = {
+    "0.10.0": "it can hang for ever on two CPU cores, asleep in its first calls",
+    "0.10.1": "it can hang for ever on two CPU cores, asleep in its first calls",
     "0.10.2": "silently wrong vmapped matrix-vector products on a CPU (jax#39103)",
     "0.11.0": "a scan's outputs take quadratic time on a CPU, and NaN on some GPUs",
     "0.11.1": "a scan's outputs take quadratic time on a CPU, and NaN on some GPUs",
 }
+GOOD_JAX = "'jax==0.12.0.1' 'jaxlib==0.12.0.1'"  # for pip, as in constraints.txt
+GOOD_JAX_3_11 = "'jax==0.9.2' 'jaxlib==0.9.2' 'flax==0.12.6'"  # later ones of flax need a later jax
 DEADLOCK_FLAG = "--xla_cpu_enable_concurrency_optimized_scheduler"
 VECTOR_FLAG = "--xla_cpu_prefer_vector_width"
-VECTOR_RELEASES = ((0, 10), (0, 13))  # from, before: XLA dies of a flag that it does not know
+VECTOR_RELEASES = ((0, 9), (0, 13))  # from, before: XLA dies of a flag that it does not know
 PLUGINS = {"gpu": ("jax_cuda13_plugin", "jax_cuda12_plugin", "jax_rocm7_plugin"), "tpu": ("libtpu",)}
 RENDERING_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 
@@ -64,13 +68,11 @@ def set_matmul_precision(precision: str) -> None:
 
 
 def refuse_bad_jax() -> None:
-    """Raise UserError (exit 2) for the versions of jax that compute wrong numbers or crawl."""
+    """Raise UserError (exit 2) for the versions of jax that hang, compute wrong numbers or crawl."""
     version = metadata.version("jax")
     if version in BAD_JAX:
-        good = "0.10.1" if sys.version_info < (3, 12) else "0.12.0.1"
-        raise UserError(
-            f"jax {version} cannot be used: {BAD_JAX[version]}. Fix: pip install 'jax=={good}' 'jaxlib=={good}'"
-        )
+        good = GOOD_JAX_3_11 if sys.version_info < (3, 12) else GOOD_JAX
+        raise UserError(f"jax {version} cannot be used: {BAD_JAX[version]}. Fix: pip install {good}")
 
 
 def import_mjx():
@@ -145,7 +147,7 @@ def _platforms(device: str) -> str | None:
 
 
 def _prepare_xla(device: str) -> None:
-    """The CPU's widest vectors, and two faults of XLA's runtime in jax 0.10: it deadlocks on two cores and cries wolf."""
+    """The CPU's widest vectors; and before jax 0.11 XLA's runtime can deadlock on two cores, and cries wolf."""
     release = tuple(int(part) for part in metadata.version("jax").split(".")[:2])
     if device in PLUGINS:
         return

@@ -25,7 +25,10 @@ def test_four_batches_agree_with_skrl():
         assert scaler.count == after["count"]
         output = normalize(scaler, jnp.asarray(golden[f"scaler/float32/{k}/input"]))
         np.testing.assert_allclose(output, golden[f"scaler/float32/{k}/output"], rtol=2e-5, atol=2e-6)
-        np.testing.assert_allclose(denormalize(scaler, probe), golden[f"scaler/float32/{k}/inverse"], rtol=2e-6)
+        # Terms nearly cancel, as in 30.61804 - 29.70065: float32 knows 30.6 to 1.9e-6 alone, and
+        # skrl's own result is 7e-7 away from what its mean and variance give in float64.
+        inverse = golden[f"scaler/float32/{k}/inverse"]
+        np.testing.assert_allclose(denormalize(scaler, probe), inverse, rtol=2e-6, atol=2e-6)
 
 
 def test_many_batches_agree_with_numpy():

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecombat_jax.arena.panel import Panel
 from dronecombat_jax.arena.result import Entrant, TournamentResult, by_training, score_rate
 
 
@@ -40,6 +41,17 @@ class Forgetting(NamedTuple):
     backward_transfer: float  # mean over i < T of W[T, i] - W[i, i]: below 0, the final policy lost what it could
     worst_past: NDArray[np.float64]  # [T] min over i <= t of W[t, i]; the noise of few fights pulls it down
     final_worst: float  # its last entry
+
+
+class AtHome(NamedTuple):
+    """A final defender against its own run's attackers, less what these score against other runs' final defenders.
+
+    Raw scores at home tell more of the attackers than of the defender: of equal defenders the one with the weaker
+    attackers looks better there.
+    """
+
+    advantage: float  # mean score beyond what both strengths explain: does it know its own attackers by heart?
+    worst: float  # the least score, were all attackers as strong as the panel's mean
 
 
 def run_maps(result: TournamentResult, rate: NDArray | None = None) -> tuple[RunMap, ...]:
@@ -106,6 +118,28 @@ def home_and_away(result: TournamentResult, run: str) -> tuple[float, float]:
         if len(met):
             (home if other == run else away).append(met.mean())
     return _mean(np.asarray(home)), _mean(np.asarray(away))
+
+
+def at_home(result: TournamentResult, panel: Panel) -> dict[str, AtHome]:
+    """For every run of `panel` whose final defender met own attackers whom another run's final defender met, too."""
+    trainings = by_training(result.attackers)
+    finals = [by_training(result.defenders)[run][-1][0] for run in panel.runs]
+    rate = score_rate(result)[finals]
+    away = rate.copy()
+    for row, run in enumerate(panel.runs):
+        away[row, [index for index, _ in trainings.get(run, ())]] = np.nan
+    # What an attacker leaves to a defender of strength 0: its mean over the defenders that it does not know.
+    beyond = away - panel.adjusted[:, None]
+    ease = np.asarray([_mean(column[~np.isnan(column)]) for column in beyond.T])
+    fates = {}
+    for row, run in enumerate(panel.runs):
+        members = np.unique([index for index, _ in trainings.get(run, ())]).astype(int)
+        adjusted = rate[row, members] - ease[members]
+        adjusted = adjusted[~np.isnan(adjusted)]
+        if len(adjusted):
+            advantage = _mean(adjusted) - float(panel.adjusted[row])
+            fates[run] = AtHome(round(advantage, 12), round(float(adjusted.min()), 12))  # as in `panel.mean_scores`
+    return fates
 
 
 def _places(saved: Sequence[tuple[int, Entrant]], chunks: NDArray) -> tuple[list[int], NDArray[np.integer]]:

@@ -40,7 +40,7 @@ class Comparison(NamedTuple):
     fights: int  # fewest behind one seed's score
     missing: tuple[str, ...]  # runs of the two methods left out because their final defender did not play
     adjusted_score: Welch  # of the adjusted scores (`panel`), which all numbers below are of, too
-    plain_score: Welch  # of the mean scores away: tilted towards the method with the stronger attackers
+    plain_score: Welch  # of the mean scores away, for information: tilted (see `panel`)
     p_value: float  # primary: exact permutation test of the adjusted scores
     adjusted_p: float  # Holm's, over all pairs of methods compared at once
     exact: bool
@@ -100,7 +100,7 @@ def equivalence(first: NDArray, second: NDArray, margin: float = MARGIN) -> floa
 
 
 def pigeonhole_interval(panel: Panel, first: str, second: str, draws: int = 2000, seed: int = 0) -> tuple[float, float]:
-    """95 % interval of the difference of the methods' adjusted scores for new runs on both sides (Owen 2007).
+    """95 % interval of the difference of adjusted scores for new runs on both sides (Owen 2007).
 
     Runs are drawn anew as defenders, within each method, and independently as attackers, within each method; scripted
     pilots stay. The quantile is Student's with the seeds' freedom, and the variance is scaled by n / (n - 1).
@@ -129,9 +129,9 @@ def pigeonhole_interval(panel: Panel, first: str, second: str, draws: int = 2000
 
 
 def elo_of_score(score: NDArray, fights: NDArray) -> NDArray[np.float64]:
-    """The rating above its opponents' that explains a mean `score`, points; half a fight keeps 0 and 1 finite.
+    """The rating above its opponents' that explains a mean `score`, points.
 
-    An adjusted score may lie a little outside 0 to 1 and counts as the end that it passed.
+    Half a fight keeps 0 and 1 finite. An adjusted score may pass these ends, and counts as the end.
     """
     return POINTS * logit((np.clip(score, 0.0, 1.0) * fights + 0.5) / (fights + 1.0))
 
@@ -173,7 +173,8 @@ def _compare(panel: Panel, first: str, second: str, seed: int) -> Comparison:
 
 def _verdict(one: Comparison) -> str:
     if one.adjusted_p < LEVEL:
-        winner, loser = (one.first, one.second) if one.adjusted_score.difference > 0 else (one.second, one.first)
+        ahead = one.adjusted_score.difference > 0
+        winner, loser = (one.first, one.second) if ahead else (one.second, one.first)
         return f"{winner} beats {loser}"
     if one.adjusted_equivalence_p < LEVEL:
         return f"{one.first} and {one.second} are equivalent within {MARGIN:g} Elo"

@@ -44,13 +44,13 @@ class Forgetting(NamedTuple):
 
 
 class AtHome(NamedTuple):
-    """A final defender against its own run's attackers, less what these score against other runs' final defenders.
+    """A final defender against its own run's attackers, less what strengths explain.
 
-    Raw scores at home tell more of the attackers than of the defender: of equal defenders the one with the weaker
+    Raw scores at home tell of the attackers, too: of equal defenders the one with the weaker
     attackers looks better there.
     """
 
-    advantage: float  # mean score beyond what both strengths explain: does it know its own attackers by heart?
+    advantage: float  # mean score beyond both strengths: does it know them by heart?
     worst: float  # the least score, were all attackers as strong as the panel's mean
 
 
@@ -121,14 +121,14 @@ def home_and_away(result: TournamentResult, run: str) -> tuple[float, float]:
 
 
 def at_home(result: TournamentResult, panel: Panel) -> dict[str, AtHome]:
-    """For every run of `panel` whose final defender met own attackers whom another run's final defender met, too."""
+    """For every run of `panel` that met own attackers which another run met, too."""
     trainings = by_training(result.attackers)
     finals = [by_training(result.defenders)[run][-1][0] for run in panel.runs]
     rate = score_rate(result)[finals]
     away = rate.copy()
     for row, run in enumerate(panel.runs):
         away[row, [index for index, _ in trainings.get(run, ())]] = np.nan
-    # What an attacker leaves to a defender of strength 0: its mean over the defenders that it does not know.
+    # How much easier than the panel's mean an attacker is, by the defenders that it does not know.
     beyond = away - panel.adjusted[:, None]
     ease = np.asarray([_mean(column[~np.isnan(column)]) for column in beyond.T])
     fates = {}
@@ -138,7 +138,8 @@ def at_home(result: TournamentResult, panel: Panel) -> dict[str, AtHome]:
         adjusted = adjusted[~np.isnan(adjusted)]
         if len(adjusted):
             advantage = _mean(adjusted) - float(panel.adjusted[row])
-            fates[run] = AtHome(round(advantage, 12), round(float(adjusted.min()), 12))  # as in `panel.mean_scores`
+            # To 12 digits, as `panel.mean_scores` does.
+            fates[run] = AtHome(round(advantage, 12), round(float(adjusted.min()), 12))
     return fates
 
 

@@ -3,9 +3,10 @@
 Fixed beforehand: the panel is the final and every tenth attacker of all runs, and the scripted pilots; a run's own
 attackers do not count for it. Every attacker weighs the same.
 
-The number is the ADJUSTED score. In the plain mean a run of method X meets n - 1 of X's attackers and n of Y's, a run
-of Y the reverse: equal defenders then differ by what the attackers differ over 2 n - 1. Here what a run did not fly, the
-cell against its own attackers, is predicted from the two strengths, and the mean goes over all cells.
+The number is the ADJUSTED score. In the plain mean a run of method X meets n - 1 of X's attackers
+and n of Y's, a run of Y the reverse: equal defenders then differ by what the attackers differ over
+2 n - 1. Here what a run did not fly, the cell against its own attackers, is predicted from the two
+strengths, and the mean goes over all cells.
 """
 
 from collections.abc import Sequence
@@ -27,8 +28,8 @@ class Panel(NamedTuple):
     methods: tuple[str, ...]  # [R]
     seeds: tuple[int, ...]  # [R]
     steps: tuple[int, ...]  # [R] trained; unequal ones are compared as they are
-    adjusted: NDArray[np.float64]  # [R] mean score as if all had met all; NaN where that cannot be known
-    plain: NDArray[np.float64]  # [R] mean score away: tilted by whose attackers are left out, for information only
+    adjusted: NDArray[np.float64]  # [R] mean score as if all had met all; NaN: cannot be known
+    plain: NDArray[np.float64]  # [R] mean score away, tilted by whose attackers are left out
     fights: NDArray[np.integer]  # [R] behind it
     table: NDArray[np.float64]  # [R, G] mean score by group; NaN at home
     filled: NDArray[np.float64]  # [R, G] the same, at home what `fill_home` predicts
@@ -102,12 +103,13 @@ def cells_needed(defenders: Sequence[Entrant], attackers: Sequence[Entrant]) -> 
 
 
 def fill_home(table: NDArray, weights: NDArray) -> NDArray[np.float64]:
-    """Fill the NaN cells of `table` [R, G] by row + column, the least-squares fit to the others with `weights` [G].
+    """Fill the NaN cells of `table` [R, G] by row + column, fitted with `weights` [G].
 
-    They stay NaN where the other cells do not tell: a run and a group that no chain of fights connects. No method's name
-    is used: every run and every group has a number of its own. So the adjusted scores stay what they are when runs are
-    relabelled, and of what the attackers add nothing is left in their differences. Among equal methods they are
-    exchangeable, since each run lacks its own cell and no other: the permutation test is as exact as on plain scores.
+    Least squares; all NaN stay where the cells fall into parts without a fight between them. No
+    method's name is used, every run and every group has a number of its own: adjusted scores stay
+    as they are when runs are relabelled, and nothing that an attacker adds is left in their
+    differences. Among equal methods they are exchangeable, since each run lacks its own cell alone.
+    So the permutation test relabels adjusted scores as it would plain ones.
     """
     rows, columns = np.nonzero(~np.isnan(table))
     size, groups = table.shape
@@ -115,14 +117,15 @@ def fill_home(table: NDArray, weights: NDArray) -> NDArray[np.float64]:
     design[np.arange(len(rows)), rows] = 1.0
     design[np.arange(len(rows)), size + columns] = 1.0
     root = np.sqrt(weights[columns])
-    effects, _, rank, _ = np.linalg.lstsq(design * root[:, None], table[rows, columns] * root, rcond=None)
+    target = table[rows, columns] * root
+    effects, _, rank, _ = np.linalg.lstsq(design * root[:, None], target, rcond=None)
     known = rank == size + groups - 1  # all but the one constant that rows and columns may exchange
     predicted = effects[:size, None] + effects[size:] if known else np.nan
     return np.where(np.isnan(table), predicted, table)
 
 
 def mean_scores(filled: NDArray, weights: NDArray) -> NDArray[np.float64]:
-    """Mean [R] over all attackers of `filled` [R, G], to 12 digits: equal defenders are equal, not nearly."""
+    """Mean [R] over all attackers of `filled` [R, G], to 12 digits: equal means are equal bits."""
     if not weights.size:
         return np.full(len(filled), np.nan)
     return np.round(filled @ weights / weights.sum(), 12)

@@ -140,9 +140,9 @@ def _studentised(labels: NDArray, cells: NDArray) -> NDArray[np.float64]:
 
 
 def _share(statistics: NDArray, scale: NDArray) -> NDArray[np.float64]:
-    """How many of `statistics` [R, ...] are as extreme as the first, up to the rounding of values of size `scale`.
+    """How many of `statistics` [R, ...] are as extreme as the first; rounding is of size `scale`.
 
-    NaN where a value is: nothing is known, least of all that nothing is as extreme.
+    NaN where a value is NaN: nothing is known then, least of all that none is as extreme.
     """
     size = np.abs(statistics)
     share = np.mean(size >= size[0] - 1e-12 * scale, axis=0)

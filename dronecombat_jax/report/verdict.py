@@ -57,12 +57,14 @@ def judge(result: TournamentResult, methods: Sequence[str] | None = None, every:
     if len(chosen) < 2:
         raise UserError(f"nothing to compare: all final defenders are of {', '.join(chosen) or 'nobody'}", EXIT_DATA)
     if not np.isfinite(panel.adjusted).all():
-        raise UserError("no attacker met the final defenders of two runs but its own: nothing to compare", EXIT_DATA)
+        reason = "no attacker met the final defenders of two runs but its own: nothing to compare"
+        raise UserError(reason, EXIT_DATA)
     remembered, own = memories(result), at_home(result, panel)
     answers = []
     told = compare_methods(result, chosen, every=every)
     for one in told:
-        scores = [panel.adjusted[np.asarray(panel.methods) == method] for method in (one.first, one.second)]
+        of = np.asarray(panel.methods)
+        scores = [panel.adjusted[of == method] for method in (one.first, one.second)]
         means = (float(scores[0].mean()), float(scores[1].mean()))
         more = secondary(panel, remembered, own, one.first, one.second)
         answers.append(Answer(one, means, sentence(one, means, len(told)), more))
@@ -80,9 +82,10 @@ def sentence(one: Comparison, means: tuple[float, float], pairs: int = 1) -> str
         ends = (one.adjusted_score.low, one.adjusted_score.high)
         ends = ends if ahead else (-ends[1], -ends[0])
         text = (
-            f"YES: {winner}'s final defender beats {loser}'s. Against attackers that it never trained with, the same for "
-            f"both, it scores {high:.3f}, {loser}'s {low:.3f}: {_signed(high - low)}, 95 % interval {_signed(ends[0])} to "
-            f"{_signed(ends[1])} ({test}, {seeds})."
+            f"YES: {winner}'s final defender beats {loser}'s. Against attackers that it never "
+            f"trained with, the same for both, it scores {high:.3f}, {loser}'s {low:.3f}: "
+            f"{_signed(high - low)}, 95 % interval {_signed(ends[0])} to {_signed(ends[1])} "
+            f"({test}, {seeds})."
         )
         if not one.new_attackers[0] * one.new_attackers[1] > 0:
             text += " That is against these attackers; with newly trained ones the difference may vanish."
@@ -110,21 +113,18 @@ def sentence(one: Comparison, means: tuple[float, float], pairs: int = 1) -> str
 
 
 def secondary(
-    panel: Panel, remembered: dict[str, Memory], own: dict[str, AtHome], first: str, second: str
+    panel: Panel, memory: dict[str, Memory], own: dict[str, AtHome], first: str, second: str
 ) -> tuple[Secondary, ...]:
     """Spread over seeds and forgetting, as far as the tournament tells them."""
-    methods = np.asarray(panel.methods)
-    runs = list(zip(panel.runs, panel.methods, strict=True))
+    methods, runs = np.asarray(panel.methods), np.asarray(panel.runs)
     measures = {
-        "backward transfer": {run: memory.defender.backward_transfer for run, memory in remembered.items()},
+        "backward transfer": {run: one.defender.backward_transfer for run, one in memory.items()},
         "worst case against the own past, adjusted": {run: fate.worst for run, fate in own.items()},
         "home minus away, adjusted": {run: fate.advantage for run, fate in own.items()},
     }
     tests = []
     for name, values in measures.items():
-        one, other = (
-            _known([values[run] for run, of in runs if of == method and run in values]) for method in (first, second)
-        )
+        one, other = (_known(values, runs[methods == method]) for method in (first, second))
         if len(one) and len(other):
             tests.append((name, permutation_test(one, other), (len(one), len(other))))
     one, other = (panel.adjusted[methods == method] for method in (first, second))
@@ -136,8 +136,10 @@ def secondary(
     )
 
 
-def _known(values: list[float]) -> NDArray[np.float64]:
-    return np.asarray([value for value in values if np.isfinite(value)], float)
+def _known(values: dict[str, float], runs: NDArray) -> NDArray[np.float64]:
+    """The values of `runs`, of those that have a finite one."""
+    found = np.asarray([values[run] for run in runs if run in values], float)
+    return found[np.isfinite(found)]
 
 
 def _signed(value: float) -> str:

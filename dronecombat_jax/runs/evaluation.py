@@ -14,8 +14,8 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config import Config
-from dronecombat_jax.learn.rollout import policy_of, select
 from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.learn.rollout import policy_of, select
 from dronecombat_jax.runs.atomic import write_atomic
 from dronecombat_jax.runs.records import ENDINGS
 from dronecombat_jax.runs.resume import load_state, newest_start
@@ -104,17 +104,24 @@ def summary(config: Config, result: FightResult) -> dict[str, Any]:
     }
 
 
-def evaluate(path: Path, match: Match, chunk: int | None = None, own_fights: int | None = None) -> int:
-    """Print how a run's policies fare, against each other or a scripted pilot, and write it down; returns 0.
+def evaluate(
+    path: Path,
+    match: Match,
+    chunk: int | None = None,
+    own_fights: int | None = None,
+) -> int:
+    """Print how a run's policies fare, or one and a scripted pilot, and write it; returns 0.
 
-    `evaluation.json` is the run's own evaluation, of `own_fights` (default: as its checkpoint says) between its newest
-    policies. With any other option the file beside it is written that `file_name` says.
+    `evaluation.json` is the run's own evaluation: `own_fights` (default: as its checkpoint says)
+    between its newest policies. With other options a file beside it is written, see `file_name`.
     """
     run = load_run(path, chunk)
     own_fights = run.config.run.evaluation_fights if own_fights is None else own_fights
     match = match._replace(fights=match.fights or own_fights)
     steps = run.iteration * run.config.steps_per_iteration
-    options = {name: value for name, value in match._asdict().items() if value != "" and name not in ("fights", "seed")}
+    told = match._asdict().items()
+    written = lambda name, value: value != "" and name not in ("fights", "seed")
+    options = {name: value for name, value in told if written(name, value)}
     results = []
     for index in range(run.config.train.num_seeds):
         result = summary(run.config, play(run, index, match))
@@ -128,34 +135,36 @@ def evaluate(path: Path, match: Match, chunk: int | None = None, own_fights: int
 
 
 def file_name(match: Match, chunk: int | None, own_fights: int) -> str:
-    """`evaluation.json`, or `evaluation-chunk3-stochastic.json`: whatever is not the run's own evaluation has its name."""
+    """`evaluation.json`, or with other options, say, `evaluation-chunk3-stochastic.json`."""
+    pilots = (("defender", match.defender), ("attacker", match.attacker))
     parts = [
         f"chunk{chunk}" if chunk is not None else "",
         "stochastic" if match.stochastic else "",
         f"fights{match.fights}" if match.fights != own_fights else "",
         f"seed{match.seed}" if match.seed else "",
-        *(f"{role}_{name}" for role, name in (("defender", match.defender), ("attacker", match.attacker)) if name),
+        *(f"{role}_{name}" for role, name in pilots if name),
         f"spawn_{match.spawn}" if match.spawn else "",
     ]
     return "-".join(["evaluation", *filter(None, parts)]) + ".json"
 
 
 def is_own(path: Path, steps: int, num_seeds: int, own_fights: int) -> bool:
-    """Whether `path` holds the run's own evaluation after `steps`; UserError 3 where it cannot be read.
+    """Whether `path` holds the run's own evaluation after `steps`; UserError 3 if unreadable.
 
     Earlier versions wrote evaluations with other options into this file, too.
     """
-    name = one_line(str(path))
     try:
         rows = json.loads(path.read_bytes())
         if not isinstance(rows, list):
             raise ValueError("not a list of seeds")
-        told = [(row["steps"], row["fights"], row["stochastic"], row.get("start_seed", 0)) for row in rows]
+        options = [(row["fights"], row["stochastic"], row.get("start_seed", 0)) for row in rows]
+        flown = [row["steps"] for row in rows]
     except OSError as error:
-        raise UserError(f"{name}: cannot be read: {error.strerror or error}", EXIT_DATA) from None
+        raise UserError(f"{path}: cannot be read: {error.strerror or error}", EXIT_DATA) from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise UserError(f"{name}: damaged or no evaluation: {one_line(str(error))}", EXIT_DATA) from None
-    return told == [(steps, own_fights, False, 0)] * num_seeds
+        reason = one_line(str(error))
+        raise UserError(f"{path}: damaged or no evaluation: {reason}", EXIT_DATA) from None
+    return flown == [steps] * num_seeds and options == [(own_fights, False, 0)] * num_seeds
 
 
 def report_text(result: dict[str, Any]) -> str:

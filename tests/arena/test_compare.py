@@ -29,7 +29,8 @@ def cross_play(gap, seed=0, seeds=6, weaker_attackers=0.0, spread=0.15, episodes
 def panel_of(table, methods):
     """A panel of one attacker a run and no pilots."""
     names = tuple(f"{method}-{index}" for index, method in enumerate(methods))
-    ones, seeds, filled = np.ones(len(names)), tuple(range(len(names))), fill_home(table, np.ones(len(names)))
+    ones, seeds = np.ones(len(names)), tuple(range(len(names)))
+    filled = fill_home(table, ones)
     return Panel(
         runs=names,
         methods=tuple(methods),
@@ -49,7 +50,7 @@ def panel_of(table, methods):
 
 
 def equal_defenders(first, second, seeds=8, episodes=50):
-    """Every defender wins exactly the share `first` against the first method's attackers, `second` against the other's."""
+    """Every defender wins the share `first` against the first method's attackers, else `second`."""
     share = np.repeat([first, second], seeds)[None, :, None]
     won = np.arange(episodes) < episodes * share - 1e-9
     cause = np.where(won, Cause.INTERCEPT, Cause.REACHED).astype(np.int8)
@@ -71,9 +72,9 @@ def test_the_panel_is_the_final_and_every_tenth_attacker_of_the_others_and_the_p
     assert panel.groups == ("", "ippo#0", "ippo#1")
     assert panel.weights.tolist() == [1, 2, 2]
     np.testing.assert_allclose(panel.table, [[1, NAN, 0.5], [0.5, 0.5, NAN]])
-    # Only the pilot was met by both: the first is better by 0.5, so 1 for 0.5 at the first home, 0 for 0.5 at the other.
+    # Only the pilot was met by both, and there the first is better by 0.5; so it is at both homes.
     np.testing.assert_allclose(panel.filled, [[1, 1, 0.5], [0.5, 0.5, 0]], atol=1e-12)
-    np.testing.assert_allclose(panel.adjusted, [(1 + 2 * 1 + 2 * 0.5) / 5, (0.5 + 2 * 0.5 + 2 * 0) / 5])
+    np.testing.assert_allclose(panel.adjusted, [(1 + 2 * 1 + 2 * 0.5) / 5, (0.5 + 2 * 0.5) / 5])
 
 
 def test_a_policy_saved_again_takes_the_seats_of_all_its_chunks_and_no_second_seed():
@@ -119,8 +120,8 @@ def test_missing_runs_are_named_and_a_missing_attacker_leaves_the_panel_common()
     assert panel.dropped == ("a-ippo-2-1",)
     assert panel.runs == ("ippo#0", "ippo#1", "ippo#3")
     np.testing.assert_allclose(panel.plain, [0.75, 1.0, 1.0])
-    # (?, 1/2, 1), (1, ?, 1), (1, 1, ?) with 3/4, 3/4, 5/4 filled in: rows' means 9/12, 11/12, 13/12, columns' 11/12, 9/12,
-    # 13/12, all cells' 11/12, and what is filled in is row + column - all: 9/12, 9/12, 15/12.
+    # (?, 1/2, 1), (1, ?, 1), (1, 1, ?) with 3/4, 3/4, 5/4 filled in: rows' means 9/12, 11/12,
+    # 13/12, columns' 11/12, 9/12, 13/12, all cells' 11/12; row + column - all is what is filled in.
     np.testing.assert_allclose(panel.adjusted, [9 / 12, 11 / 12, 13 / 12])
 
 
@@ -200,7 +201,8 @@ def test_one_seed_or_no_spread_gives_no_false_interval():
     assert equivalence(np.ones(3), np.zeros(3), 2.0) == 0
     assert equivalence(np.ones(3), np.zeros(3), 0.5) == 1
     (told,) = compare_methods(cross_play(0.5, seeds=1))
-    assert told.p_value == 1 and np.isnan(told.adjusted_score.low) and np.isnan(told.new_attackers).all()
+    assert told.p_value == 1
+    assert np.isnan(told.adjusted_score.low) and np.isnan(told.new_attackers).all()
     assert told.verdict.startswith("undecided")
 
 
@@ -213,14 +215,15 @@ def test_unequal_attackers_bias_the_plain_mean_and_not_the_adjusted_one():
     assert plain[:3].mean() - plain[3:].mean() == pytest.approx(0.2 / (2 * 3 - 1))
     filled = fill_home(table, np.ones(6))
     np.testing.assert_allclose(filled, 0.5 + np.tile(np.repeat([0.0, 0.2], 3), (6, 1)))
-    assert mean_scores(filled, np.ones(6)).tolist() == [0.6] * 6  # equal, so that none is as extreme by rounding
+    assert mean_scores(filled, np.ones(6)).tolist() == [0.6] * 6  # no differences by rounding
 
 
 def test_equal_defenders_are_equal_whatever_the_methods_attackers_are():
-    """16 equal defenders, 0.6 against one method's attackers, 0.3 against the other's: 0.440 and 0.460 by plain means."""
+    """0.6 against one method's attackers, 0.3 against the other's: plain means 0.440 and 0.460."""
     result = equal_defenders(0.6, 0.3)
     (told,) = compare_methods(result)
-    assert told.plain_score.difference == pytest.approx((7 * 0.6 + 8 * 0.3 - 8 * 0.6 - 7 * 0.3) / 15) == -0.02
+    tilt = (7 * 0.6 + 8 * 0.3 - 8 * 0.6 - 7 * 0.3) / 15
+    assert told.plain_score.difference == pytest.approx(tilt) and tilt == pytest.approx(-0.02)
     assert told.p_value == 1 and told.verdict == "ippo and s-ippo are equivalent within 25 Elo"
     assert told.adjusted_score.difference == told.elo.difference == 0
     assert told.new_attackers == pytest.approx((0, 0), abs=1e-12)
@@ -232,11 +235,12 @@ def test_equal_defenders_are_equal_whatever_the_methods_attackers_are():
 
 
 def test_who_knows_its_own_attackers_by_heart_has_the_advantage_at_home():
-    """Scores are row + column, and 0.2 more at home, where alone the second defender has its weak spot, 0.3 less."""
+    """Scores are row + column; at home all have 0.2 more, and the second 0.3 less than that."""
     rows, columns = np.array([0.3, 0.35, 0.4, 0.45]), np.array([0.0, 0.1, 0.2, 0.3])
     win = rows[:, None] + columns + 0.2 * np.eye(4)
     win[1, 1] -= 0.3
-    cause = np.where(np.arange(100) < 100 * win[..., None] - 1e-9, Cause.INTERCEPT, Cause.REACHED).astype(np.int8)
+    won = np.arange(100) < 100 * win[..., None] - 1e-9
+    cause = np.where(won, Cause.INTERCEPT, Cause.REACHED).astype(np.int8)
     result = build(cause, entrants("d", 2, 1, METHODS), entrants("a", 2, 1, METHODS))
     own = at_home(result, away_panel(result))
     np.testing.assert_allclose([own[run].advantage for run in own], [0.2, -0.1, 0.2, 0.2])

@@ -38,9 +38,10 @@ DAMAGED = [b"", b'[{"steps": 1', b"\xff\xfe", b"{}", b"[1]", b"[{}]", b"null", b
 
 
 def finish_again(content: bytes, root: Path, monkeypatch: pytest.MonkeyPatch) -> list[tuple]:
-    """The arguments of each evaluation that the same command flies when `content` is what lies there."""
+    """The arguments of each evaluation that the same command flies where `content` lies."""
     evaluated = []
-    monkeypatch.setattr(room, "evaluate", lambda *words, **options: evaluated.append((words, options)))
+    evaluate = lambda *words, **options: evaluated.append((words, options))
+    monkeypatch.setattr(room, "evaluate", evaluate)
     (root / "one").mkdir()
     (root / "one" / "evaluation.json").write_bytes(content)
     room.finish(replace(FINISHED, run=replace(FINISHED.run, directory=str(root))))
@@ -52,7 +53,8 @@ def test_a_damaged_evaluation_is_flown_anew(content: bytes, tmp_path, monkeypatc
     (((path, match), options),) = finish_again(content, tmp_path, monkeypatch)
     assert path == tmp_path / "one" and match == Match() and options == {"own_fights": 8}
     (line,) = capsys.readouterr().out.splitlines()
-    assert line.startswith(f"{path / 'evaluation.json'}: damaged or no evaluation: ") and line.endswith("flown anew")
+    assert line.startswith(f"{path / 'evaluation.json'}: damaged or no evaluation: ")
+    assert line.endswith("flown anew")
 
 
 @pytest.mark.parametrize(

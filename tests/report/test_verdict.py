@@ -29,7 +29,7 @@ def finals(
     methods: tuple[str, ...] = METHODS,
     pilots: int = 0,
 ):
-    """Final policies only, and scripted attackers; the last method's defenders are `gap` better, in log-odds."""
+    """Final policies and pilots; the last method's defenders are `gap` better, in log-odds."""
     rng = np.random.default_rng(1)
     sides = entrants("d", seeds, 1, methods), entrants("a", seeds, 1, methods, pilots)
     lift = np.asarray([rng.normal(gap * (one.method == methods[-1]), spread) for one in sides[0]])
@@ -46,7 +46,7 @@ def test_a_clear_difference_is_a_yes_with_the_winner_first():
 
 
 def test_unequal_attackers_do_not_make_equal_defenders_differ():
-    """0.6 against one method's attackers, 0.3 against the other's: by plain means YES, with p = 0.00016."""
+    """0.6 against one method's attackers, 0.3 against the other's: YES by plain means."""
     sides = entrants("d", 8, 1, METHODS), entrants("a", 8, 1, METHODS)
     share = np.broadcast_to(np.repeat([0.6, 0.3], 8)[:, None], (16, 16, 1))
     won = np.arange(50) < 50 * share - 1e-9
@@ -121,7 +121,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line():
     with pytest.raises(UserError, match="nothing to compare"):
         judge(unplayed)
     with pytest.raises(UserError, match="no attacker met the final defenders of two runs"):
-        judge(finals(1.0, seeds=1))  # each has met the other's attacker alone: is it weak, or the defender strong?
+        judge(finals(1.0, seeds=1))  # each has met the other's attacker alone, weak or not
     own = select(finals(0.0, seeds=1), np.asarray([0, 1]), np.asarray([0]))  # the first meets its own attacker only
     with pytest.raises(UserError, match="nothing to compare"):
         judge(own)

@@ -10,7 +10,14 @@ from scipy import stats
 
 from dronecombat_jax import cli, settings
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import Config, GameConfig, LearnConfig, RunConfig, SimConfig, TrainConfig
+from dronecombat_jax.config import (
+    Config,
+    GameConfig,
+    LearnConfig,
+    RunConfig,
+    SimConfig,
+    TrainConfig,
+)
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.runs import checkpoint, evaluation
 from dronecombat_jax.runs.evaluation import Match, _wilson, file_name, load_run, play, summary
@@ -113,7 +120,8 @@ def test_a_scripted_pilot_takes_one_place(run, capsys):
     assert cli.main(["evaluate", str(run.path), *flags]) == 0
     assert "8 fights, mean actions, attacker is the scripted dash, uniform starts" in capsys.readouterr().out
     assert not (run.path / "evaluation.json").exists()  # that file tells of the run's own two
-    (row,) = json.loads((run.path / "evaluation-fights8-attacker_dash-spawn_uniform.json").read_bytes())
+    beside = run.path / "evaluation-fights8-attacker_dash-spawn_uniform.json"
+    (row,) = json.loads(beside.read_bytes())
     assert (row["attacker"], row["spawn"], row["fights"]) == ("dash", "uniform", 8)
 
 
@@ -132,7 +140,9 @@ OTHERS = {  # flags: the file that they are written to
 def test_only_the_runs_own_evaluation_has_its_name(run, monkeypatch, capsys):
     """Other options are written beside it and never over it."""
     fly = lambda saved, index, match: FightResult(
-        np.full(match.fights, Cause.TIMEOUT), np.full(match.fights, 25), np.zeros((match.fights, 2), bool)
+        np.full(match.fights, Cause.TIMEOUT),
+        np.full(match.fights, 25),
+        np.zeros((match.fights, 2), bool),
     )
     monkeypatch.setattr(evaluation, "play", fly)
     own = run.path / "evaluation.json"

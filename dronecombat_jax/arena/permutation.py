@@ -140,6 +140,10 @@ def _studentised(labels: NDArray, cells: NDArray) -> NDArray[np.float64]:
 
 
 def _share(statistics: NDArray, scale: NDArray) -> NDArray[np.float64]:
-    """How many of `statistics` [R, ...] are as extreme as the first, up to the rounding of values of size `scale`."""
+    """How many of `statistics` [R, ...] are as extreme as the first; rounding is of size `scale`.
+
+    NaN where a value is NaN: nothing is known then, least of all that none is as extreme.
+    """
     size = np.abs(statistics)
-    return np.mean(size >= size[0] - 1e-12 * scale, axis=0)
+    share = np.mean(size >= size[0] - 1e-12 * scale, axis=0)
+    return np.where(np.isnan(scale), np.nan, share)

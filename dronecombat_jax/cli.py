@@ -45,7 +45,7 @@ class TrainFlags(Config):
 class EvaluateFlags:
     """Let the two policies of a run fight and count who wins, how and when.
 
-    Without flags it is the run's own evaluation, evaluation.json; with them a file beside that.
+    The run's own evaluation is evaluation.json; with other options it is a file beside that.
     """
 
     run: str = setting("", "the run: its folder, or its name in runs/")

@@ -108,8 +108,9 @@ def fill_home(table: NDArray, weights: NDArray) -> NDArray[np.float64]:
     Least squares; all NaN stay where the cells fall into parts without a fight between them. No
     method's name is used, every run and every group has a number of its own: adjusted scores stay
     as they are when runs are relabelled, and nothing that an attacker adds is left in their
-    differences. Among equal methods they are exchangeable, since each run lacks its own cell alone.
-    So the permutation test relabels adjusted scores as it would plain ones.
+    differences. Among equal methods they are exchangeable, since each run lacks its own cell alone
+    (exactly so where all groups weigh the same). So the permutation test relabels adjusted scores
+    as it would plain ones.
     """
     rows, columns = np.nonzero(~np.isnan(table))
     size, groups = table.shape

@@ -31,8 +31,10 @@ BAD_JAX = {
 GOOD_JAX = "'jax==0.12.0.1' 'jaxlib==0.12.0.1'"  # for pip, as in constraints.txt
 GOOD_JAX_3_11 = "'jax==0.9.2' 'jaxlib==0.9.2' 'flax==0.12.6'"  # later ones of flax need a later jax
 DEADLOCK_FLAG = "--xla_cpu_enable_concurrency_optimized_scheduler"
+# XLA ends a process whose devices have waited 40 s for each other, as on a machine that many processes share.
+MEETING_FLAG, MEETING_SECONDS = "--xla_cpu_collective_call_terminate_timeout_seconds", "3600"
 VECTOR_FLAG = "--xla_cpu_prefer_vector_width"
-VECTOR_RELEASES = ((0, 9), (0, 13))  # from, before: XLA dies of a flag that it does not know
+TRIED_RELEASES = ((0, 9), (0, 13))  # from, before: XLA dies of a flag that it does not know
 PLUGINS = {"gpu": ("jax_cuda13_plugin", "jax_cuda12_plugin", "jax_rocm7_plugin"), "tpu": ("libtpu",)}
 RENDERING_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 
@@ -52,6 +54,8 @@ def prepare(device: str = "auto", cpu_devices: int = 1, join: Callable[[], None]
     _prepare_xla(device)
     if cpu_devices > 1 and device not in PLUGINS:
         _set_flag("--xla_force_host_platform_device_count", str(cpu_devices))
+        if TRIED_RELEASES[0] <= _release() < TRIED_RELEASES[1]:
+            _set_flag(MEETING_FLAG, MEETING_SECONDS)
     _prepare_jax(platforms)
     _prepare_mujoco()
     join()
@@ -148,10 +152,10 @@ def _platforms(device: str) -> str | None:
 
 def _prepare_xla(device: str) -> None:
     """The CPU's widest vectors; and before jax 0.11 XLA's runtime can deadlock on two cores, and cries wolf."""
-    release = tuple(int(part) for part in metadata.version("jax").split(".")[:2])
+    release = _release()
     if device in PLUGINS:
         return
-    if VECTOR_RELEASES[0] <= release < VECTOR_RELEASES[1] and "avx512f" in _cpu()[1].split():
+    if TRIED_RELEASES[0] <= release < TRIED_RELEASES[1] and "avx512f" in _cpu()[1].split():
         _set_flag(VECTOR_FLAG, "512")  # XLA itself stays at 256: learning takes 4 to 7 % longer (docs/tuning.md)
     if release >= (0, 11):
         return
@@ -162,6 +166,11 @@ def _prepare_xla(device: str) -> None:
     # Every program from the cache logs a page of errors about tuning flags that are no CPU features.
     if "TF_CPP_MIN_LOG_LEVEL" not in os.environ:
         _set("TF_CPP_MIN_LOG_LEVEL", "3")
+
+
+def _release() -> tuple[int, ...]:
+    """Of jax: (0, 12)."""
+    return tuple(int(part) for part in metadata.version("jax").split(".")[:2])
 
 
 def _set_flag(name: str, value: str) -> None:

@@ -59,11 +59,12 @@ def test_jax_0_12_needs_no_flags(tmp_path):
 
 
 def test_a_cpu_pretends_to_be_several_devices_unless_the_user_has_said_how_many(tmp_path):
-    flag = "--xla_force_host_platform_device_count"
-    assert prepared(tmp_path, "0.12.0.1", cpu_devices=2)["XLA_FLAGS"] == f"{flag}=2"
+    flag, patient = "--xla_force_host_platform_device_count", f"{backend.MEETING_FLAG}={backend.MEETING_SECONDS}"
+    assert prepared(tmp_path, "0.12.0.1", cpu_devices=2)["XLA_FLAGS"] == f"{flag}=2 {patient}"
     old = prepared(tmp_path, "0.9.2", cpu_devices=2)
-    assert old["XLA_FLAGS"] == old["set by us"]["XLA_FLAGS"] == f"{DEADLOCK_OFF} {flag}=2"
-    assert prepared(tmp_path, "0.12.0.1", cpu_devices=2, XLA_FLAGS=f"{flag}=4")["XLA_FLAGS"] == f"{flag}=4"
+    assert old["XLA_FLAGS"] == old["set by us"]["XLA_FLAGS"] == f"{DEADLOCK_OFF} {flag}=2 {patient}"
+    assert prepared(tmp_path, "0.13.0", cpu_devices=2)["XLA_FLAGS"] == f"{flag}=2"
+    assert prepared(tmp_path, "0.12.0.1", cpu_devices=2, XLA_FLAGS=f"{flag}=4")["XLA_FLAGS"] == f"{flag}=4 {patient}"
 
 
 @pytest.mark.parametrize("version", ["0.9.2", "0.12.0.1"])

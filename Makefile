@@ -6,7 +6,10 @@ PEERS_VENV ?= .venv-peers
 RUNS ?= $(wildcard runs/ippo runs/sippo)
 
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check
+# $(call install,ENVIRONMENT,WHAT): one line; what pip says goes to a log, and where it fails its last lines are shown.
+install = echo "installing packages into $(1); what pip says is in $(1)/install.log"; \
+	$(1)/bin/python -m pip --disable-pip-version-check install -c constraints.txt $(2) >> $(1)/install.log 2>&1 || \
+	{ tail -n 5 $(1)/install.log >&2; echo "error: pip failed; all of what it said is in $(1)/install.log" >&2; exit 1; }
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -63,15 +66,16 @@ $(VENV)/.runtime: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; (3, 11) <= sys.version_info < (3, 14) or sys.exit("error: $(PYTHON) is Python %d.%d; 3.11, 3.12 (recommended) or 3.13 is needed: make PYTHON=python3.12 ..." % sys.version_info[:2])'
 	@echo "making $(VENV) with $(PYTHON); the packages are large, the first time takes minutes"
 	@rm -f $(VENV)/.runtime $(VENV)/.dev
-	$(PYTHON) -m venv --clear $(VENV)
-	$(PIP) install -c constraints.txt -e .
+	@$(PYTHON) -m venv --clear $(VENV)
+	@$(call install,$(VENV),-e .)
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.runtime
-	$(PIP) install -c constraints.txt -e '.[dev]'
+	@$(call install,$(VENV),-e '.[dev]')
 	@touch $@
 
 $(PEERS_VENV)/.peers: pyproject.toml constraints.txt benchmarks/peers/requirements.txt
-	$(PYTHON) -m venv --clear $(PEERS_VENV)
-	$(PEERS_VENV)/bin/python -m pip --disable-pip-version-check install -c constraints.txt -r benchmarks/peers/requirements.txt -e .
+	@echo "making $(PEERS_VENV) with $(PYTHON); the packages are large, the first time takes minutes"
+	@$(PYTHON) -m venv --clear $(PEERS_VENV)
+	@$(call install,$(PEERS_VENV),-r benchmarks/peers/requirements.txt -e .)
 	@touch $@

@@ -1,12 +1,12 @@
 """Settles what JAX and MuJoCo read from the environment, before they start, and says what they run on.
 
-What lives here: devices, XLA flags, caches, known-bad versions, the banner, whether pictures can be
-rendered. What does not: checks of a whole machine (`doctor`). Nothing at module level imports JAX or
-MuJoCo: both read the environment once, while they are imported.
+What lives here: devices, XLA flags, caches, known-bad versions, the banner. What does not: which of
+the user's variables JAX keeps (`jax_variables`), which OpenGL draws (`rendering`), checks of a whole
+machine (`doctor`). Nothing at module level imports JAX or MuJoCo: both read the environment once,
+while they are imported.
 """
 
 import contextlib
-import ctypes
 import hashlib
 import io
 import os
@@ -18,7 +18,7 @@ from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
-from dronecombat_jax import preflight
+from dronecombat_jax import jax_variables, preflight, rendering
 from dronecombat_jax.errors import UserError
 
 BAD_JAX = {
@@ -35,8 +35,8 @@ DEADLOCK_FLAG = "--xla_cpu_enable_concurrency_optimized_scheduler"
 MEETING_FLAG, MEETING_SECONDS = "--xla_cpu_collective_call_terminate_timeout_seconds", "3600"
 VECTOR_FLAG = "--xla_cpu_prefer_vector_width"
 TRIED_RELEASES = ((0, 9), (0, 13))  # from, before: XLA dies of a flag that it does not know
+DEVICE_VARIABLES = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME", "JAX_DEFAULT_DEVICE")
 PLUGINS = {"gpu": ("jax_cuda13_plugin", "jax_cuda12_plugin", "jax_rocm7_plugin"), "tpu": ("libtpu",)}
-RENDERING_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 
 _set_by_us: dict[str, str] = {}
 
@@ -46,21 +46,31 @@ def prepare(device: str = "auto", cpu_devices: int = 1, join: Callable[[], None]
 
     `cpu_devices`: how many devices a CPU shall pretend to be; seeds trained on several never wait for each other.
     `join`: meets other processes (`processes.join`), which must come before JAX looks at its devices.
-    Where the user has set a variable, it stays; only a `device` asked for by name wins over JAX_PLATFORMS.
-    Raises UserError (exit 2) for a known-bad jax and for a device that is not there.
+    Where the user has set a variable, it stays, but for those in `jax_variables.FIXED`; only a
+    `device` asked for by name wins over JAX_PLATFORMS. Raises UserError (exit 2) for a known-bad jax,
+    for a device that is not there and for variables with which JAX does not start.
     """
     refuse_bad_jax()
     platforms = _platforms(device)
+    jax_variables.fix()
     _prepare_xla(device)
     if cpu_devices > 1 and device not in PLUGINS:
         _set_flag("--xla_force_host_platform_device_count", str(cpu_devices))
         if TRIED_RELEASES[0] <= _release() < TRIED_RELEASES[1]:
             _set_flag(MEETING_FLAG, MEETING_SECONDS)
     _prepare_jax(platforms)
-    _prepare_mujoco()
+    if chosen := rendering.settle():
+        _set_by_us["MUJOCO_GL"] = chosen
     join()
     if device in PLUGINS:
         _require_devices(device)
+    elif jax_variables.set_by_user(_set_by_us):
+        require_start()
+
+
+def require_start() -> None:
+    """Raise UserError (exit 2) where JAX does not start; it names what the user has set."""
+    jax_variables.require_start(_set_by_us)
 
 
 def set_matmul_precision(precision: str) -> None:
@@ -117,22 +127,6 @@ def cache_dir() -> Path:
     if chosen := os.environ.get("DRONECOMBAT_CACHE"):
         return Path(chosen).expanduser().absolute()
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dronecombat"
-
-
-def rendering_fault() -> str | None:
-    """None where MuJoCo can render here, else one line that names the Debian packages to install."""
-    import mujoco
-
-    fault = f"MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}"
-    try:
-        context = mujoco.GLContext(16, 16)
-        context.make_current()
-        context.free()
-        return None
-    except Exception as error:  # whatever the driver's bindings raise; AttributeError where MUJOCO_GL is off
-        if hasattr(mujoco, "GLContext"):
-            fault = " ".join(str(error).split())[:80]
-    return f"no picture can be rendered ({fault}); on Debian and Ubuntu: apt-get install {RENDERING_PACKAGES}"
 
 
 def _platforms(device: str) -> str | None:
@@ -194,7 +188,8 @@ def _prepare_jax(platforms: str | None) -> None:
     """Platforms, and the persistent cache of compiled programs, every one of them."""
     chosen: dict[str, str | float | int] = {}
     if platforms:
-        os.environ.pop("JAX_PLATFORMS", None)
+        for name in DEVICE_VARIABLES:
+            os.environ.pop(name, None)
         chosen["jax_platforms"] = platforms
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         folder = cache_dir() / "xla" / _fingerprint()
@@ -210,19 +205,6 @@ def _prepare_jax(platforms: str | None) -> None:
         _set(name.upper(), str(value))
         if "jax" in sys.modules:  # it has read the environment already
             sys.modules["jax"].config.update(name, value)
-
-
-def _prepare_mujoco() -> None:
-    """Render through EGL where there is no display. TRAP: without libEGL `import mujoco` itself would die."""
-    if platform.system() != "Linux" or "mujoco" in sys.modules:
-        return
-    shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    wanted = os.environ.get("MUJOCO_GL") or ("" if shown else "egl")
-    if wanted.lower().strip() != "egl":
-        return
-    value = "egl" if _loads("libEGL.so.1") else "off"
-    if os.environ.get("MUJOCO_GL") != value:
-        _set("MUJOCO_GL", value)
 
 
 def _require_devices(device: str) -> None:
@@ -261,11 +243,3 @@ def _writable(folder: Path) -> bool:
     except OSError:
         return False
     return os.access(folder, os.W_OK)
-
-
-def _loads(library: str) -> bool:
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True

@@ -359,4 +359,6 @@ def _prepare(device: str, config: Config | None = None) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from dronecombat_jax import __main__ as program
+
+    sys.exit(program.main())

@@ -97,6 +97,7 @@ def _jax() -> str:
 
 
 def _devices() -> str:
+    backend.require_start()
     import jax
 
     return ", ".join(f"{device.platform}:{device.id} ({device.device_kind})" for device in jax.devices())
@@ -104,6 +105,7 @@ def _devices() -> str:
 
 def _physics() -> str:
     """A ball falls for one step under jit."""
+    backend.require_start()
     import jax
     import mujoco
 
@@ -116,19 +118,20 @@ def _physics() -> str:
 
 
 def _rendering() -> str:
-    import mujoco
+    """The scene is drawn, by the means with which a run draws its fights."""
+    import numpy as np
 
-    if fault := backend.rendering_fault():
-        raise Failed(fault, "")
-    model = mujoco.MjModel.from_xml_string(SPHERE)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    renderer = mujoco.Renderer(model, height=48, width=64)
-    renderer.update_scene(data)
-    picture = renderer.render()
-    renderer.close()
-    if picture.max() == 0:
-        raise Failed("the picture of a lit ball is black", "MUJOCO_GL=egl, or another OpenGL driver")
+    from dronecombat_jax.config import SimConfig
+    from dronecombat_jax.report.stage import Stage
+    from dronecombat_jax.sim.scene import load_scene
+
+    scene = load_scene(SimConfig())
+    with Stage(scene, 64, 48) as stage:
+        stage.set_state(scene.full.qpos0[:14], np.zeros(3))
+        stage.show_arena()
+        picture = stage.pixels(64, 48)
+    if np.ptp(picture) == 0:
+        raise Failed("a picture of the arena has one colour", "another OpenGL driver")
     return f"a {picture.shape[1]} x {picture.shape[0]} picture, MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}"
 
 

@@ -11,12 +11,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from dronecombat_jax.report.figures import OUTCOMES, ROLE_COLOURS
 from dronecombat_jax.runs import metrics
 from dronecombat_jax.types import ROLES
+
+# isort: split
+# After the report, which imports Matplotlib whatever MPLBACKEND names.
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 BINS = 80
 COLUMNS = 4

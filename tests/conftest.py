@@ -9,14 +9,8 @@ import pytest
 from dronecombat_jax import backend
 
 os.environ.setdefault("DRONECOMBAT_CACHE", str(Path(__file__).parents[1] / ".cache"))
+os.environ.pop("MPLBACKEND", None)  # a notebook's: no test opens a window
 backend.prepare("cpu")
-
-
-@pytest.fixture(scope="session")
-def rendering() -> None:
-    """Skip, naming the Debian packages, where MuJoCo cannot render a picture."""
-    if fault := backend.rendering_fault():
-        pytest.skip(fault)
 
 
 @pytest.fixture(scope="session")

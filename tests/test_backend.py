@@ -23,6 +23,7 @@ OURS = (
     "WAYLAND_DISPLAY",
     "XLA_FLAGS",
 )
+CLEAN = {name: value for name, value in os.environ.items() if name not in OURS and not name.startswith("JAX_")}
 DEADLOCK_OFF = "--xla_cpu_enable_concurrency_optimized_scheduler=false"
 PREPARE = """
 import importlib.metadata, json, os, sys
@@ -40,11 +41,10 @@ def prepared(
     tmp_path, version="0.12.0.1", device="cpu", patch="", cpu_devices=1, features="sse2 avx2", **environment
 ) -> dict:
     """The environment after `prepare(device)` with jax `version`, in a fresh interpreter that never imports JAX."""
-    clean = {name: value for name, value in os.environ.items() if name not in OURS and not name.startswith("JAX_")}
     code = PREPARE.format(version=version, device=device, patch=patch, cpu_devices=cpu_devices, features=features)
-    given = clean | {"DRONECOMBAT_CACHE": str(tmp_path)} | environment
+    given = CLEAN | {"DRONECOMBAT_CACHE": str(tmp_path)} | environment
     result = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
-    return json.loads(result.stdout)
+    return json.loads(result.stdout) | {"said": result.stderr}
 
 
 @pytest.mark.parametrize("device", ["cpu", "auto"])
@@ -115,7 +115,8 @@ def test_a_scheduler_chosen_by_the_user_stays(tmp_path):
 
 def test_a_device_by_name_wins_over_the_environment_and_auto_does_not(tmp_path):
     assert prepared(tmp_path, device="cpu", JAX_PLATFORMS="cuda")["JAX_PLATFORMS"] == "cpu"
-    assert prepared(tmp_path, device="auto", JAX_PLATFORMS="cuda")["JAX_PLATFORMS"] == "cuda"
+    started = {"patch": "backend.require_start = lambda: None"}
+    assert prepared(tmp_path, device="auto", JAX_PLATFORMS="cuda", **started)["JAX_PLATFORMS"] == "cuda"
     assert "JAX_PLATFORMS" not in prepared(tmp_path, device="auto")
 
 
@@ -140,15 +141,102 @@ def test_a_cache_that_cannot_be_written_is_left_out_and_said(tmp_path):
     ("there", "environment", "expected"),
     [
         (True, {}, "egl"),
+        (True, {"DISPLAY": ":0"}, "egl"),
         (False, {}, "off"),  # with "egl" and no libEGL, `import mujoco` itself would raise
         (False, {"MUJOCO_GL": "egl"}, "off"),
+        (False, {"MUJOCO_GL": "osmesa"}, "off"),
         (True, {"MUJOCO_GL": "osmesa"}, "osmesa"),
-        (True, {"DISPLAY": ":0"}, None),
     ],
 )
-def test_mujoco_renders_through_egl_without_a_display(tmp_path, there, environment, expected):
-    found = prepared(tmp_path, patch=f"backend._loads = lambda library: {there}", **environment)
-    assert found.get("MUJOCO_GL") == expected
+def test_mujoco_is_given_what_it_can_import(tmp_path, there, environment, expected):
+    found = prepared(tmp_path, patch=f"backend.rendering._loads = lambda library: {there}", **environment)
+    assert found["MUJOCO_GL"] == expected
+    assert found["set by us"].get("MUJOCO_GL") == (None if environment.get("MUJOCO_GL") == expected else expected)
+
+
+NUMBERS = """
+import sys
+from dronecombat_jax import backend
+if {before}: import jax
+backend.prepare("cpu")
+import jax, jax.numpy as jnp
+print((jnp.arange(2) + jnp.ones((2, 2)) * 0.5).dtype, jax.jit(lambda x: isinstance(x, jax.core.Tracer))(1.0))
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "before"),
+    [
+        ("JAX_ENABLE_X64", "1", False),
+        ("JAX_ENABLE_X64", "1", True),  # JAX has read it already
+        ("JAX_NUMPY_DTYPE_PROMOTION", "strict", False),
+        ("JAX_NUMPY_RANK_PROMOTION", "raise", False),
+        ("JAX_DISABLE_JIT", "true", False),
+        ("JAX_USE_SHARDY_PARTITIONER", "0", False),
+        ("JAX_TRANSFER_GUARD", "disallow", True),
+    ],
+)
+def test_numbers_are_float32_whatever_is_set(tmp_path, name, value, before):
+    environment = CLEAN | {"DRONECOMBAT_CACHE": str(tmp_path), name: value}
+    command = [sys.executable, "-c", NUMBERS.format(before=before)]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert result.stdout == "float32 True\n", result.stderr
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"note: {name}={value!r} is not used: ")
+
+
+def test_what_changes_nothing_is_neither_mentioned_nor_does_it_start_jax(tmp_path):
+    harmless = {
+        "JAX_ENABLE_X64": "False",
+        "JAX_TRANSFER_GUARD": "log",
+        "JAX_PLATFORMS": "cpu",
+        "JAX_COMPILATION_CACHE_DIR": str(tmp_path),
+    }
+    found = prepared(tmp_path, device="auto", **harmless)
+    assert found["said"] == "" and harmless.items() <= found.items()
+    assert found["set by us"].keys() & harmless.keys() == set()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("JAX_PLATFORMS", "cuda", "there is no such device on this machine"),
+        ("JAX_PLATFORMS", "foo", "Unable to initialize backend 'foo'"),
+        ("JAX_PLATFORM_NAME", "cuda", "Unknown backend cuda"),
+        ("JAX_DEFAULT_DEVICE", "cuda", "jax.default_device must be passed"),
+        ("JAX_DEFAULT_PRNG_IMPL", "foo", 'Invalid value "foo"'),
+        ("JAX_DEBUG_NANS", "foo", "invalid truth value 'foo'"),
+        ("JAX_NO_EXECUTION", "1", "JAX tried to execute function"),
+    ],
+)
+def test_variables_with_which_jax_does_not_start_are_one_line(tmp_path, name, value, reason):
+    """Every command that computes prepares so; `cpu` by name wins over the devices among the variables."""
+    environment = CLEAN | {"DRONECOMBAT_CACHE": str(tmp_path), name: value}
+    command = [sys.executable, "-m", "dronecombat_jax", "tournament", "scripted:dash", "--name", str(tmp_path / "t")]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert (result.returncode, result.stdout) == (EXIT_CONFIG, "")
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"error: JAX does not start with {name}='{value}' ({reason}")
+
+
+def test_a_program_in_float64_is_told_that_the_game_is_float32():
+    code = """
+import jax
+jax.config.update("jax_enable_x64", True)
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.config import Config
+from dronecombat_jax.errors import UserError
+try:
+    Combat(Config())
+except UserError as error:
+    print(error.exit_code, error.message)
+jax.config.update("jax_enable_x64", False)
+assert Combat(Config()).reset(jax.random.key(0)).qpos.dtype == "float32"
+"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("2 jax_enable_x64 is on, and the game and its networks compute in float32. Fix: ")
+    assert len(result.stdout.splitlines()) == 1
 
 
 @pytest.mark.parametrize("python", [(3, 11, 7), (3, 12, 1)])

@@ -1,11 +1,13 @@
 """The table of `dronecombat doctor`: every check is run, and what fails comes with a remedy."""
 
-from dronecombat_jax import backend, doctor
+import jax
+
+from dronecombat_jax import backend, doctor, rendering
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 
 
 def test_doctor_passes_here_but_for_what_is_missing(capsys):
-    expected = EXIT_CONFIG if backend.rendering_fault() else 0
+    expected = EXIT_CONFIG if rendering.fault() else 0
     assert doctor.doctor() == expected
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines if " FAIL " in line] == ["rendering"] * (expected != 0)
@@ -20,6 +22,17 @@ def test_doctor_goes_on_after_a_broken_check(monkeypatch, capsys):
     out = capsys.readouterr().out
     assert "physics      FAIL  RuntimeError: the driver is gone\n             fix:" in out
     assert "cache        ok" in out
+
+
+def test_doctor_says_what_keeps_jax_from_starting(monkeypatch, capsys):
+    monkeypatch.setattr(jax, "devices", lambda: (_ for _ in ()).throw(AssertionError()))
+    monkeypatch.setenv("JAX_PLATFORMS", "cuda")
+    monkeypatch.setattr(backend, "prepare", lambda: None)
+    assert doctor.doctor() == EXIT_CONFIG
+    lines = capsys.readouterr().out.splitlines()
+    failed = [line for line in lines if " FAIL " in line]
+    assert [line.split()[0] for line in failed] == ["devices", "physics"]
+    assert all("JAX does not start with JAX_PLATFORMS='cuda' (there is no such device" in line for line in failed)
 
 
 def test_doctor_names_a_known_bad_jax_and_its_remedy(monkeypatch, capsys):

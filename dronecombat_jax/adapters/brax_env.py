@@ -143,6 +143,13 @@ class FreshStarts(Wrapper):
         self._fights: CombatEnv = env.unwrapped  # pyright: ignore[reportAttributeAccessIssue] (`wrap` sees to it)
         self._mask_time_outs = mask_time_outs
 
+    def reset(self, rng: jax.Array) -> State:
+        """A start for each of the keys `rng`: new style [N] or old [N, 2].
+
+        Brax's wrappers take its last axis for that of an old key.
+        """
+        return self.env.reset(_raw(rng))
+
     def step(self, state: State, action: jax.Array) -> State:
         """One control step of every fight; `obs` is the next fight's first where one has ended."""
         state.info["steps"] = jnp.where(state.done, 0.0, state.info["steps"])
@@ -197,6 +204,11 @@ def mend_brax() -> None:
 def _typed(key: jax.Array) -> jax.Array:
     """The same key or keys in the new style; brax carries the old one, and its `train` copies no other."""
     return key if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(key)
+
+
+def _raw(key: jax.Array) -> jax.Array:
+    """The same key or keys in the old style."""
+    return jax.random.key_data(key) if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else key
 
 
 def _fight(state: State) -> EnvState:

@@ -8,6 +8,7 @@ from functools import cached_property
 import jax
 import jax.numpy as jnp
 
+from dronecombat_jax import jax_variables
 from dronecombat_jax.combat.observe import observe_ego, observe_world
 from dronecombat_jax.combat.reward import reward_terms, total
 from dronecombat_jax.combat.rules import detect, forfeit, judge, timeout_decides
@@ -33,6 +34,7 @@ class Combat:
     """
 
     def __init__(self, config: Config, scene: Scene | None = None):
+        jax_variables.require_float32()
         self.config = config
         self.scene = scene or load_scene(config.sim)
         self._observe = observe_world if config.game.observation == "world" else observe_ego

@@ -1,1 +1,30 @@
-"""Figures, pictures, videos and replays made from what a run left behind."""
+"""Figures, pictures, videos and replays made from what a run left behind.
+
+All of it is drawn into files: no figure asks which window or notebook MPLBACKEND names.
+"""
+
+import contextlib
+import os
+import sys
+
+
+def _import_matplotlib() -> None:
+    """Import Matplotlib whatever MPLBACKEND names, and keep the user's choice where it can be kept.
+
+    A notebook sets MPLBACKEND for all that it starts. Where the module named there is not
+    installed, Matplotlib itself cannot be imported.
+    """
+    if "matplotlib" in sys.modules:
+        return
+    chosen = os.environ.pop("MPLBACKEND", None)
+    try:
+        import matplotlib
+    finally:
+        if chosen is not None:
+            os.environ["MPLBACKEND"] = chosen
+    if chosen:
+        with contextlib.suppress(ValueError):
+            matplotlib.rcParams["backend"] = chosen
+
+
+_import_matplotlib()

@@ -2,30 +2,29 @@
 
 A drone is a few pixels in a 10 m arena, so the arena view hides the true drones and shows them
 enlarged, with trails, plumb lines to the floor and the radii of the rules. What does not live
-here: text (`caption`), frames and files (`video`).
+here: text (`caption`), frames and files (`video`), which OpenGL draws (`rendering`).
 """
 
 import copy
-import os
-import platform
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from dronecombat_jax.errors import UserError
+from dronecombat_jax import rendering
 from dronecombat_jax.sim.scene import Scene
 
 ENLARGEMENT = 4.0  # of the drones in the arena view
 TEAM_COLOURS = ((0.12, 0.47, 0.95), (0.96, 0.42, 0.08))  # defender, attacker: those of combat.xml
 TARGET_COLOUR = (0.16, 0.80, 0.42)
 _BUBBLES, _DRONES = 1, 2  # visual groups of combat.xml
-# EGL and the software rasteriser behind it; Debian 12 renders with these and fails without any one of them.
-DEBIAN_PACKAGES = ("libegl1", "libegl-mesa0", "libgl1", "libgl1-mesa-dri")
 
 
 class Stage:
-    """Renders states of one scene; use as a context manager, since it holds an OpenGL context."""
+    """Renders states of one scene; use as a context manager, since it holds an OpenGL context.
+
+    Raises UserError where nothing can be drawn here (`rendering`).
+    """
 
     def __init__(self, scene: Scene, width: int, height: int):
         self.scene = scene
@@ -34,8 +33,12 @@ class Stage:
         self.model.vis.quality.offsamples = 4
         self.model.vis.quality.shadowsize = 1024
         self.data = mujoco.MjData(self.model)
-        self.context = open_context(width, height)
-        self.renderer = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        self.context = rendering.open_context(width, height)
+        try:
+            self.renderer = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        except mujoco.FatalError as error:  # a context that lacks what MuJoCo draws with
+            self.context.free()
+            raise rendering.cannot_draw(error) from None
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self.renderer)
         self.visuals = mujoco.MjvScene(self.model, 10_000)
         self.visuals.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
@@ -169,34 +172,3 @@ class Stage:
         geom.emission = 0.45
         self.visuals.ngeom += 1
         return geom
-
-
-def open_context(width: int, height: int) -> Any:
-    """A current off-screen OpenGL context: EGL on Linux, unless MUJOCO_GL names another.
-
-    MuJoCo chooses its platform when it is imported, and `MUJOCO_GL=egl` then breaks even the
-    import where EGL is absent; hence EGL is loaded here, when a picture is wanted.
-    Raises UserError with the Debian packages to install.
-    """
-    try:
-        context = _context_class()(width, height)
-        context.make_current()
-    except Exception as error:  # PyOpenGL fails with whatever a missing library makes it trip over
-        raise UserError(_no_opengl(error)) from None
-    return context
-
-
-def _context_class() -> Any:
-    if platform.system() == "Linux" and os.environ.get("MUJOCO_GL", "").strip().lower() in ("", "egl"):
-        from mujoco.egl import GLContext
-    else:
-        from mujoco import GLContext
-    return GLContext
-
-
-def _no_opengl(error: Exception) -> str:
-    reason = " ".join(str(error).split()) or type(error).__name__
-    return (
-        f"no picture or video: off-screen OpenGL (EGL) does not start ({reason[:120]}); "
-        f"on Debian or Ubuntu: apt-get install {' '.join(DEBIAN_PACKAGES)}"
-    )

@@ -59,7 +59,10 @@ class Grid:
 
 
 def fly(title: str, combat: Combat, sides: Sequence[Sequence[Player | None]], rules: Rules, grid: Grid) -> bool:
-    """Fly all cells asked for that `grid` lacks, between players who are there; False where a signal stopped it, all saved."""
+    """Fly all cells asked for that `grid` lacks, between players who are there.
+
+    False where a signal came; then all is saved.
+    """
     there = [np.asarray([player is not None for player in side], bool) for side in sides]
     wanted = np.outer(*there) & grid.asked & ~grid.flown
     if not wanted.any():
@@ -74,10 +77,10 @@ def fly(title: str, combat: Combat, sides: Sequence[Sequence[Player | None]], ru
         finally:
             grid.save()
         complete = bool(np.all(grid.flown[wanted]))
-        if not complete:
+        if stop or not complete:
             fights = int((grid.asked & grid.flown).sum()) * rules.episodes
             progress.message(f"stopped after {fights:,} of {done + total:,} fights; the same command goes on")
-    return complete
+    return complete and not stop  # a signal may have come after the last look at it
 
 
 def _fly(

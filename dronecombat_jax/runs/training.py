@@ -58,13 +58,16 @@ def train(config: Config, fork_of: str | None = None, chunk: int | None = None) 
         with device_errors():
             if begun is None:
                 stop = stack.enter_context(stop_signals())
-                return _run(None, config, None, None, stop)
-            steps = config.steps_per_iteration * config.train.num_seeds
-            done = begun.start.iteration if begun.start else 0
-            progress = stack.enter_context(make_progress(begun.run.name, _last_iteration(config) * steps, done * steps))
-            stop = stack.enter_context(_stopping(progress))
-            saver = Saver(begun.run, config, progress, begun.more_meta)
-            return _run(begun.run, config, begun.start, saver, stop)
+                code = _run(None, config, None, None, stop)
+            else:
+                steps = config.steps_per_iteration * config.train.num_seeds
+                done = begun.start.iteration if begun.start else 0
+                total = _last_iteration(config) * steps
+                progress = stack.enter_context(make_progress(begun.run.name, total, done * steps))
+                stop = stack.enter_context(_stopping(progress))
+                saver = Saver(begun.run, config, progress, begun.more_meta)
+                code = _run(begun.run, config, begun.start, saver, stop)
+    return EXIT_STOPPED if stop else code  # a signal may have come after the last look at it
 
 
 def _begin(stack: ExitStack, config: Config, fork_of: str | None, chunk: int | None) -> Begun:
@@ -133,7 +136,7 @@ def _run(run: RunDirectory | None, config: Config, start: Start | None, saver: S
         with processes.together(), timed(keeper, "compile"), shown:
             advance = compile_program(state)
         iteration = _advance(config, state, iteration, advance, keeper, stop)
-    if iteration == _last_iteration(config):
+    if iteration == _last_iteration(config) and not stop:
         return 0
     if saver:
         done = iteration * config.steps_per_iteration

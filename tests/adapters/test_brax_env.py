@@ -18,7 +18,7 @@ from dronecombat_jax.types import ATTACKER, DEFENDER, EnvState
 backend.import_mjx()  # brax imports it, and lets it print to stdout
 
 from brax.envs.base import Env, State  # noqa: E402
-from brax.envs.wrappers.training import AutoResetWrapper, VmapWrapper  # noqa: E402
+from brax.envs.wrappers.training import AutoResetWrapper, EpisodeWrapper, EvalWrapper, VmapWrapper  # noqa: E402
 from brax.training.agents.ppo import networks as ppo_networks  # noqa: E402
 from brax.training.agents.ppo import train as ppo  # noqa: E402
 from brax.training.agents.sac import networks as sac_networks  # noqa: E402
@@ -98,6 +98,21 @@ def test_keeps_to_braxs_protocol(role: int):
 def test_a_key_of_either_style_gives_the_same_fight():
     env, key = make(), jax.random.key(5)
     jax.tree.map(np.testing.assert_array_equal, env.reset(key), env.reset(jax.random.key_data(key)))
+
+
+@pytest.mark.parametrize("wrapper", [wrap, functools.partial(wrap, mask_time_outs=False)])
+def test_wrapped_fights_begin_and_go_on_alike_from_keys_of_either_style(wrapper):
+    batch, typed = jitted(EvalWrapper(wrapper(make(), LENGTH))), jax.random.split(jax.random.key(0), SIZE)
+    flown = [batch.step(batch.reset(style), ACTION) for style in (typed, jax.random.key_data(typed))]
+    jax.tree.map(np.testing.assert_array_equal, *flown)
+    assert flown[0].info["steps"].tolist() == [1.0] * SIZE and flown[0].info["truncation"].shape == (SIZE,)
+
+
+def test_one_fight_in_braxs_own_wrappers_takes_keys_of_either_style():
+    alone, typed = jitted(AutoResetWrapper(EpisodeWrapper(make(), LENGTH, 1))), jax.random.key(0)
+    flown = [alone.step(alone.reset(style), HOLD) for style in (typed, jax.random.key_data(typed))]
+    jax.tree.map(np.testing.assert_array_equal, *flown)
+    assert flown[0].info["steps"].shape == ()
 
 
 @pytest.mark.parametrize("observation", ["world", "ego"])

@@ -1,5 +1,9 @@
 """Learning curves: what is averaged, and every awkward run that must still give a picture."""
 
+import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +28,28 @@ def record(seed: int, iteration: int, episodes: int, reached: float | None, **mo
         values |= {f"kl/{role}": 0.008, f"learning_rate/{role}": 3e-4, f"log_std/{role}": -0.1}
         values |= {f"explained_variance/{role}": -5.0, f"return/{role}": None, f"crash/{role}": reached}
     return values | more
+
+
+DRAW = """
+import json, sys
+from pathlib import Path
+from dronecombat_jax.report import comparison, figures, finish, tournament_report
+import matplotlib
+figures.learning_curves(json.loads(sys.argv[1]), Path(sys.argv[2]), "title")
+chosen = dict.__getitem__(matplotlib.rcParams, "backend")
+print(chosen)
+"""
+
+
+@pytest.mark.parametrize("named", ["module://matplotlib_inline.backend_inline", "nonsense", "pdf"])
+def test_figures_are_drawn_whatever_mplbackend_names(named: str, tmp_path: Path):
+    """A notebook sets it for all that it starts; a choice that is there is kept for the user."""
+    command = [sys.executable, "-c", DRAW, json.dumps([record(0, 1, 3, 0.5)]), str(tmp_path / "a.png")]
+    environment = os.environ | {"MPLBACKEND": named}
+    result = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "a.png").stat().st_size > 5000 and (tmp_path / "a.pdf").is_file()
+    assert named != "pdf" or result.stdout == "pdf\n"
 
 
 def test_every_ending_has_its_colour():

@@ -1,17 +1,18 @@
 """The picture and the video of a fight. Rendering is skipped, with the reason, where EGL is missing."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
 from PIL import Image
 
+from dronecombat_jax import rendering
 from dronecombat_jax.config import SimConfig
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
-from dronecombat_jax.report import stage as stage_module
 from dronecombat_jax.report import video
-from dronecombat_jax.report.stage import DEBIAN_PACKAGES, Stage, open_context
+from dronecombat_jax.report.stage import Stage
 from dronecombat_jax.report.video import finite_part, interpolate, playback_speed, render_fight
 from dronecombat_jax.sim.scene import Scene, load_scene
 from dronecombat_jax.types import Cause, Trajectory
@@ -24,10 +25,8 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def opengl() -> None:
-    try:
-        open_context(16, 16).free()
-    except UserError as error:
-        pytest.skip(error.message)
+    if fault := rendering.fault():
+        pytest.skip(fault)
 
 
 @pytest.fixture
@@ -146,12 +145,27 @@ def test_missing_opengl_names_the_packages(scene: Scene, tmp_path: Path, monkeyp
         def __init__(self, *_: int):
             raise AttributeError("'NoneType' object has no attribute 'eglQueryString'")  # libEGL.so.1 absent
 
-    monkeypatch.setattr(stage_module, "_context_class", lambda: Broken)
+    monkeypatch.setattr(rendering, "choice", lambda: rendering.Choice("egl", ""))
+    monkeypatch.setattr(rendering, "_context_class", lambda name: Broken)
     with pytest.raises(UserError) as raised:
         render_fight(fly(scene, steps=2), scene, tmp_path / "a.png", None)
-    assert all(package in raised.value.message for package in DEBIAN_PACKAGES)
+    assert all(package in raised.value.message for package in rendering.PACKAGES)
     assert "\n" not in raised.value.message
     assert not list(tmp_path.iterdir())
+
+
+def test_a_context_that_cannot_draw_is_one_line(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """MuJoCo says so when it makes its own context, as it did where GLFW had not started."""
+
+    def refuse(*_: object) -> None:
+        raise mujoco.FatalError("an OpenGL platform library has not been loaded")
+
+    freed = []
+    monkeypatch.setattr(rendering, "open_context", lambda *_: SimpleNamespace(free=lambda: freed.append(1)))
+    monkeypatch.setattr(mujoco, "MjrContext", refuse)
+    with pytest.raises(UserError, match="has not been loaded"):
+        render_fight(fly(scene, steps=2), scene, tmp_path / "a.png", None)
+    assert freed == [1] and not list(tmp_path.iterdir())
 
 
 @pytest.mark.usefixtures("opengl", "small")

@@ -1,6 +1,7 @@
 """Programs kept between processes: the same bits, traced once, and traced anew whenever anything they depend on differs."""
 
 import os
+import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from meshes import never
 from dronecombat_jax import __main__, cli
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config import RunConfig, SelfPlayConfig
-from dronecombat_jax.runs import lowered
+from dronecombat_jax.runs import lowered, signals
 from dronecombat_jax.selfplay.chunk import build_advance, init_state
 from dronecombat_jax.selfplay.mesh import place
 from dronecombat_jax.types import RewardTerms
@@ -71,7 +72,16 @@ def test_nothing_is_kept_unless_the_process_is_a_command(kept):
     assert len(kept.builds) == 2 and not kept.folder.exists()
 
 
-def test_the_command_keeps_programs_and_a_call_from_python_does_not(kept, capsys, monkeypatch):
+@pytest.fixture
+def handlers():
+    """Put back what signals do in this process: after a command they have the system's own action."""
+    before = {number: signal.getsignal(number) for number in signals.STOP_SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_the_command_keeps_programs_and_a_call_from_python_does_not(kept, capsys, monkeypatch, handlers):
     monkeypatch.setattr(sys, "argv", ["dronecombat", "--help"])
     assert cli.main() == 0 and lowered._began is None
     assert __main__.main() == 0 and lowered._began is not None

@@ -1,4 +1,7 @@
-"""The first signal asks, the second ends, also while the main thread sits in compiled code."""
+"""The first signal asks, the second ends, also while the main thread sits in compiled code.
+
+Where nothing has to be saved, the first one ends.
+"""
 
 import os
 import signal
@@ -10,7 +13,7 @@ import time
 import pytest
 
 from dronecombat_jax.errors import EXIT_STOPPED
-from dronecombat_jax.runs.signals import STOP_SIGNALS, stop_signals
+from dronecombat_jax.runs.signals import EXIT_INTERRUPTED, STOP_SIGNALS, stop_signals
 
 LOOP = """
 import sys, time
@@ -34,9 +37,31 @@ with stop_signals(lambda name: print("heard", name, flush=True)):
     hashlib.pbkdf2_hmac("sha256", b"", b"", 400_000_000)
 """
 
+ENDING = """
+import hashlib
+from dronecombat_jax.runs.signals import ending_at_once, stop_signals
+with ending_at_once():
+    with stop_signals() as stop:
+        print("ready", flush=True)
+        while not stop:
+            pass
+    print("saved", flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 400_000_000)
+"""
+
+ENDED = """
+import time
+from dronecombat_jax.runs.signals import ending_at_once
+with ending_at_once():
+    pass
+print("ready", flush=True)
+time.sleep(60)
+"""
+
 
 def start(script: str, *arguments: str) -> subprocess.Popen[str]:
-    child = subprocess.Popen([sys.executable, "-c", script, *arguments], stdout=subprocess.PIPE, text=True)
+    command, pipe = [sys.executable, "-c", script, *arguments], subprocess.PIPE
+    child = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True)
     assert child.stdout is not None and child.stdout.readline() == "ready\n"
     return child
 
@@ -74,6 +99,28 @@ def test_both_signals_work_while_the_main_thread_is_busy():
         time.sleep(0.2)
         child.send_signal(signal.SIGINT)
         assert child.wait(timeout=5) == 128 + signal.SIGINT
+
+
+@pytest.mark.parametrize("number", STOP_SIGNALS)
+def test_where_nothing_has_to_be_saved_one_signal_ends_the_process(number: signal.Signals):
+    """Before and after a run, also while the main thread is busy; during it the first one asks."""
+    with start(ENDING) as child:
+        assert child.stdout is not None
+        child.send_signal(number)
+        assert child.stdout.readline() == "saved\n"
+        time.sleep(0.2)
+        child.send_signal(number)
+        _, err = child.communicate(timeout=10)
+    assert err == "stopped\n"
+    assert child.returncode == (EXIT_INTERRUPTED if number == signal.SIGINT else EXIT_STOPPED)
+
+
+@pytest.mark.parametrize("number", STOP_SIGNALS)
+def test_while_python_itself_ends_a_signal_has_the_systems_own_action(number: signal.Signals):
+    with start(ENDED) as child:
+        child.send_signal(number)
+        _, err = child.communicate(timeout=10)
+    assert (child.returncode, err) == (-number, "")
 
 
 def test_old_handlers_come_back_and_nothing_leaks():

@@ -168,6 +168,20 @@ def test_a_signal_saves_and_the_same_command_goes_on(runs: Path, alone, place: S
     assert_same(load_result(place.folder), alone.result)
 
 
+def test_a_signal_with_the_last_fight_is_answered(runs: Path, alone, place: SimpleNamespace, monkeypatch):
+    real = flying.play
+
+    def interrupted(*args, **how):
+        yield from real(*args, **how)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(flying, "play", interrupted)
+    assert place.fly(*words(runs)) == EXIT_STOPPED and len(place.cells) == 36
+    monkeypatch.setattr(flying, "play", real)
+    assert place.fly(*words(runs)) == 0 and place.cells == []
+    assert_same(load_result(place.folder), alone.result)
+
+
 KILLED = """
 import json, os, signal, sys
 given = json.loads(sys.argv[1])

@@ -125,9 +125,16 @@ def test_a_signal_saves_at_once_and_the_run_goes_on_from_there(toy, number, caps
     assert final_digest(toy) == expected and (toy.path / "metrics.jsonl").read_bytes() == lines
 
 
-def test_a_signal_during_the_last_call_is_a_finished_run(toy):
+def test_a_signal_during_the_last_call_is_answered_and_the_run_is_whole(toy):
     toy.hooks[40] = lambda: os.kill(os.getpid(), signal.SIGTERM)
-    assert training.train(toy.config) == 0 and steps_saved(toy)[-1] == 40
+    assert training.train(toy.config) == EXIT_STOPPED and steps_saved(toy)[-1] == 40
+    assert training.train(toy.config) == 0 and len(toy.begun) == 1
+
+
+def test_a_signal_after_the_last_look_is_answered(toy, monkeypatch):
+    real = training._run
+    monkeypatch.setattr(training, "_run", lambda *args: (real(*args), os.kill(os.getpid(), signal.SIGTERM))[0])
+    assert training.train(toy.config) == EXIT_STOPPED and steps_saved(toy)[-1] == 40
 
 
 def test_a_signal_while_compiling_saves_nothing_new_and_loses_nothing(toy):

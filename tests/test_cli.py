@@ -174,7 +174,7 @@ def test_every_setting_has_a_flag():
         ("--fork-chunk 3", "--fork-chunk needs --fork NEW_NAME"),
         ("--fork new --fork-chunk 1.5", "--fork-chunk 1.5: must be an integer from -1 to 1000000000"),
         ("--learn.minibatches 7", "nearest that fit: learn.minibatches 6 or 8, train.num_envs 994 or 1001"),
-        ("--train.num-envs 1000000 --train.num-seeds 1024", "of memory, and this machine has"),
+        ("--train.num-envs 1000000 --learn.rollout-steps 2400", "of memory, and this machine has"),
     ],
 )
 def test_a_wrong_command_line_is_one_line(rooms, capsys, args, message):

@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 ARGS ?=
+RUN ?=
 PEERS_VENV ?= .venv-peers
 RUNS ?= $(wildcard runs/ippo runs/sippo)
 
@@ -10,7 +11,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo tournament report test test-slow check format bench bench-scaling bench-peers clean
+.PHONY: help train-ippo train-sippo tournament report replay test test-slow check format bench bench-scaling bench-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -27,6 +28,9 @@ tournament: $(VENV)/.runtime ## all checkpoints of runs/ippo and runs/sippo, tho
 
 report: $(VENV)/.runtime ## draw a tournament (ARGS=its folder or name)
 	$(BIN)/dronecombat report $(ARGS)
+
+replay: $(VENV)/.runtime ## a page that replays the last run's fights, in a browser if there is one (RUN=name, ARGS="--evolution")
+	$(BIN)/dronecombat replay $(RUN) --open $(ARGS)
 
 # A file of tests goes to one of two processes, and shares there what it compiles.
 test: $(VENV)/.dev ## the fast tests, in two processes (ARGS="-n 0": in one)

@@ -59,7 +59,7 @@ bench-peers: $(PEERS_VENV)/.peers ## measure other learners on the same game bes
 	$(PEERS_VENV)/bin/python -m benchmarks.peers.compare $(ARGS)
 
 clean: ## remove the environment and every cache; runs/ stays
-	rm -rf $(VENV) $(PEERS_VENV) .cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist
+	rm -rf $(VENV) $(PEERS_VENV) viewer/node_modules .cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist
 	find dronecombat_jax tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The stamps are newer than what they were made from, or the environment is made anew.

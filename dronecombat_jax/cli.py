@@ -123,7 +123,9 @@ class ReplayFlags:
     --evolution`, `dronecombat replay --defender hover --attacker dash --out fight.gif`.
     """
 
-    defender: str = setting("", "who defends: a chunk of RUN, a scripted pilot, a policy file, another run or RUN:CHUNK")
+    defender: str = setting(
+        "", "who defends: a chunk of RUN, a scripted pilot, a policy file, another run or RUN:CHUNK"
+    )
     attacker: str = setting("", "who attacks, likewise; without it the newest of RUN, or the file's")
     fights: int = setting(9, "how many fights, side by side; a film shows the first", low=1, high=16)
     seed: int = setting(0, "seed of the start states; fight e starts as in a tournament", low=0, high=2**31 - 1)

@@ -77,6 +77,8 @@ def replay(named: Named, filming: Filming, *, out: Path | None, evolution: bool 
     if path.suffix not in SUFFIXES:
         raise UserError(f"{path}: a replay ends in {', '.join(SUFFIXES)}")
     if path.suffix != PAGE_SUFFIX:
+        if evolution:
+            raise UserError(f"{path}: an evolution is a page; a film shows one fight")
         return _film(crew, filming, path)
     shown = _fly(crew, named, filming, evolution, say=lambda text: print(text, flush=True))
     shown.save(path)

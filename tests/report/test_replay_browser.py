@@ -119,7 +119,9 @@ def test_read_outs_are_the_numbers_of_the_fight(browser: Any, pages: dict[str, s
 
 def test_a_fight_of_many_is_enlarged_and_followed(browser: Any, pages: dict[str, str]):
     tab = Tab(browser, pages["four"], WIDE)
-    assert tab.page.locator(".tile:visible").count() == 4 and tab.run("return document.querySelectorAll('*').length") < 20
+    assert (
+        tab.page.locator(".tile:visible").count() == 4 and tab.run("return document.querySelectorAll('*').length") < 20
+    )
     assert tab.page.locator("h1").inner_text() == HOSTILE
     tab.page.locator(".tile").nth(2).click(position={"x": 100, "y": 90})
     assert tab.page.locator(".tile:visible").count() == 1 and "3 of 4" in tab.page.locator(".place").inner_text()

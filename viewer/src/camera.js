@@ -62,7 +62,9 @@ export class Rig {
     const turn = follows ? view.yaw + heading(flight, role, now) : view.yaw;
     const flatness = Math.cos(view.pitch);
     const back = new Vector3(
-      Math.cos(turn) * flatness, Math.sin(turn) * flatness, Math.sin(view.pitch),
+      Math.cos(turn) * flatness,
+      Math.sin(turn) * flatness,
+      Math.sin(view.pitch),
     );
     const pivot = new Vector3();
     if (follows) {
@@ -94,7 +96,10 @@ function fit(points, back, aspect) {
   const right = new Vector3(0, 0, 1).cross(back).normalize();
   const up = back.clone().cross(right);
   const tall = MARGIN * Math.tan((FIELD * Math.PI) / 360);
-  const axes = [[right, tall * aspect], [up, tall]].map(([axis, tangent]) => {
+  const axes = [
+    [right, tall * aspect],
+    [up, tall],
+  ].map(([axis, tangent]) => {
     let [above, below] = [-Infinity, -Infinity];
     for (const point of points) {
       const [across, near] = [point.dot(axis), tangent * point.dot(back)];

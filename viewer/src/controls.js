@@ -11,7 +11,11 @@ const ICONS = {
   on: "M9 6v12l8-6zM5 6h2v12H5z",
   repeat: "M7 7h10v3l4-4-4-4v3H5v6h2zm10 10H7v-3l-4 4 4 4v-3h12v-6h-2z",
 };
-const CAMERAS = [[null, "Overview"], [DEFENDER, "Defender"], [ATTACKER, "Attacker"]];
+const CAMERAS = [
+  [null, "Overview"],
+  [DEFENDER, "Defender"],
+  [ATTACKER, "Attacker"],
+];
 const FRACTIONS = { 0.0625: "1/16", 0.125: "1/8", 0.25: "\u00bc", 0.5: "\u00bd" };
 
 export class Controls {
@@ -21,7 +25,9 @@ export class Controls {
     this.playButton = tool("Play", ICONS.play, acts.play, "primary");
     this.time = element("output", { class: "clock", "aria-label": "Time of the fight" });
     this.speed = element("select", { "aria-label": "Speed", title: "Speed: 1\u00d7 is real time" });
-    this.speed.append(...SPEEDS.map((value) => element("option", { value, text: speedName(value) })));
+    this.speed.append(
+      ...SPEEDS.map((value) => element("option", { value, text: speedName(value) })),
+    );
     this.speed.addEventListener("change", () => acts.speed(Number(this.speed.value)));
     this.cameras = CAMERAS.map(([role, label]) => ({ role, ...cameraButton(role, label, acts) }));
     this.trueSize = checkbox("True size", acts.trueSize);
@@ -29,17 +35,27 @@ export class Controls {
     const camera = element("div", { class: "segments", role: "group", "aria-label": "Camera" });
     camera.append(...this.cameras.map(({ node }) => node));
     this.box = element(
-      "div", { class: "controls" },
-      element("div", { class: "transport" },
-        tool("To the start", ICONS.start, acts.start, "start"), tool("A step back", ICONS.back, acts.back),
-        this.playButton, tool("A step on", ICONS.on, acts.on), this.time, this.repeat, this.speed),
+      "div",
+      { class: "controls" },
+      element(
+        "div",
+        { class: "transport" },
+        tool("To the start", ICONS.start, acts.start, "start"),
+        tool("A step back", ICONS.back, acts.back),
+        this.playButton,
+        tool("A step on", ICONS.on, acts.on),
+        this.time,
+        this.repeat,
+        this.speed,
+      ),
       element("div", { class: "options" }, camera, this.trueSize.label),
     );
   }
 
   /** A drone that no fight shows cannot be followed. */
   offer(drones) {
-    for (const { role, node } of this.cameras) node.hidden = role !== null && !drones.includes(role);
+    for (const { role, node } of this.cameras)
+      node.hidden = role !== null && !drones.includes(role);
   }
 
   show(clock, stage) {
@@ -62,7 +78,11 @@ export class Controls {
 }
 
 function cameraButton(role, label, acts) {
-  const node = element("button", { type: "button", text: label, on: { click: () => acts.follow(role) } });
+  const node = element("button", {
+    type: "button",
+    text: label,
+    on: { click: () => acts.follow(role) },
+  });
   node.title = role === null ? "See the whole fight" : `Fly behind the ${label.toLowerCase()}`;
   return { node };
 }

@@ -5,7 +5,8 @@ export function element(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
     if (name === "text") made.textContent = value;
-    else if (name === "on") Object.entries(value).forEach(([kind, f]) => made.addEventListener(kind, f));
+    else if (name === "on")
+      Object.entries(value).forEach(([kind, f]) => made.addEventListener(kind, f));
     else if (value !== false) made.setAttribute(name, value === true ? "" : value);
   }
   made.append(...children);

@@ -3,8 +3,17 @@
  * MuJoCo gives half sizes, three.js wants whole ones. The arms have the team's colour, to tell it from any side.
  */
 import {
-  BoxGeometry, BufferAttribute, CircleGeometry, Color, CylinderGeometry, DoubleSide, Group, Mesh,
-  MeshLambertMaterial, RingGeometry, SphereGeometry,
+  BoxGeometry,
+  BufferAttribute,
+  CircleGeometry,
+  Color,
+  CylinderGeometry,
+  DoubleSide,
+  Group,
+  Mesh,
+  MeshLambertMaterial,
+  RingGeometry,
+  SphereGeometry,
 } from "three";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 
@@ -14,7 +23,12 @@ const CARBON = "#434b54";
 const STEEL = "#b4b9c0";
 const BATTERY = "#dcdee2";
 const PINS = "#d9b04a";
-const MOTORS = [[0.0325, -0.0325], [-0.0325, -0.0325], [-0.0325, 0.0325], [0.0325, 0.0325]];
+const MOTORS = [
+  [0.0325, -0.0325],
+  [-0.0325, -0.0325],
+  [-0.0325, 0.0325],
+  [0.0325, 0.0325],
+];
 const ROTOR_RADIUS = 0.023;
 const ROTOR_HEIGHT = 0.0145;
 
@@ -26,10 +40,24 @@ export class Hangar {
     this.disc = new CircleGeometry(ROTOR_RADIUS, 28);
     this.halo = new RingGeometry(0.0655, 0.072, 48);
     const vertexColors = true;
-    this.solid = new MeshLambertMaterial({ vertexColors, emissive: "#ffffff", emissiveIntensity: 0.07 });
-    this.blade = new MeshLambertMaterial({ color: "#f3f6fa", side: DoubleSide, emissive: "#666c74" });
+    this.solid = new MeshLambertMaterial({
+      vertexColors,
+      emissive: "#ffffff",
+      emissiveIntensity: 0.07,
+    });
+    this.blade = new MeshLambertMaterial({
+      color: "#f3f6fa",
+      side: DoubleSide,
+      emissive: "#666c74",
+    });
     const see = { transparent: true, depthWrite: false, side: DoubleSide };
-    this.blur = new MeshLambertMaterial({ ...see, color: colour, opacity: 0.42, emissive: colour, emissiveIntensity: 0.35 });
+    this.blur = new MeshLambertMaterial({
+      ...see,
+      color: colour,
+      opacity: 0.42,
+      emissive: colour,
+      emissiveIntensity: 0.35,
+    });
     this.team = new MeshLambertMaterial({ ...see, color: colour, opacity: 0.8, emissive: colour });
   }
 
@@ -77,11 +105,19 @@ function frameParts(colour) {
     at(box(0.02, 0.0024, 0.006, PINS), 0, 0.0115, 0.0035),
     at(box(0.02, 0.0024, 0.006, PINS), 0, -0.0115, 0.0035),
     at(painted(new SphereGeometry(1, 20, 12).scale(0.02, 0.012, 0.008), colour), 0, 0, 0.0115),
-    at(painted(new SphereGeometry(1, 10, 8).scale(0.004, 0.004, 0.003), "#ffffff"), 0.017, 0, 0.0125),
+    at(
+      painted(new SphereGeometry(1, 10, 8).scale(0.004, 0.004, 0.003), "#ffffff"),
+      0.017,
+      0,
+      0.0125,
+    ),
   ];
   for (const [x, y] of MOTORS) {
     const arm = box(0.046, 0.007, 0.0018, colour).rotateZ(Math.atan2(y, x));
-    const motor = painted(new CylinderGeometry(0.0035, 0.0035, 0.019, 14).rotateX(Math.PI / 2), STEEL);
+    const motor = painted(
+      new CylinderGeometry(0.0035, 0.0035, 0.019, 14).rotateX(Math.PI / 2),
+      STEEL,
+    );
     parts.push(at(arm, x / 2, y / 2, 0), at(motor, x, y, 0.004));
   }
   return parts;

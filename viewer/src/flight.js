@@ -65,7 +65,9 @@ export class Flight {
     const parts = [0, 1, 2, 3];
     const dot = parts.reduce((sum, i) => sum + this.states[from + i] * this.states[to + i], 0);
     const weight = dot < 0 ? -share : share;
-    const mixed = parts.map((i) => (1 - share) * this.states[from + i] + weight * this.states[to + i]);
+    const mixed = parts.map(
+      (i) => (1 - share) * this.states[from + i] + weight * this.states[to + i],
+    );
     const norm = Math.hypot(...mixed) || 1;
     const [w, x, y, z] = mixed.map((part) => part / norm);
     return [x, y, z, w];

@@ -22,7 +22,12 @@ export class Gestures {
     this.fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     if (this.fingers.size === 1) {
       const index = event.target.closest(".tile")?.dataset.index;
-      this.click = { index, x: event.clientX, y: event.clientY, moves: event.button === 2 || event.shiftKey };
+      this.click = {
+        index,
+        x: event.clientX,
+        y: event.clientY,
+        moves: event.button === 2 || event.shiftKey,
+      };
     } else {
       this.click.index = undefined;
     }

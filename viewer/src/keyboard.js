@@ -23,10 +23,23 @@ export const GESTURES = [
 /** Listen on `target`; `acts`: what the keys do, see `page.js`. Returns a function that stops listening. */
 export function listen(target, acts) {
   const table = {
-    " ": acts.play, k: acts.play, home: acts.start, end: acts.end, "+": acts.faster, "=": acts.faster,
-    "-": acts.slower, o: () => acts.follow(null), d: () => acts.follow(0), a: () => acts.follow(1),
-    n: acts.next, p: acts.previous, escape: acts.all, s: acts.toggleSize, 0: acts.resetView,
-    t: acts.theme, "?": acts.help,
+    " ": acts.play,
+    k: acts.play,
+    home: acts.start,
+    end: acts.end,
+    "+": acts.faster,
+    "=": acts.faster,
+    "-": acts.slower,
+    o: () => acts.follow(null),
+    d: () => acts.follow(0),
+    a: () => acts.follow(1),
+    n: acts.next,
+    p: acts.previous,
+    escape: acts.all,
+    s: acts.toggleSize,
+    0: acts.resetView,
+    t: acts.theme,
+    "?": acts.help,
   };
   const press = (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return;

@@ -10,19 +10,31 @@ const ICONS = {
 export const NO_WEBGL =
   "This browser gives no WebGL, so the fights cannot be drawn here. Switch hardware acceleration on, or open " +
   "the page in another browser. The results and the numbers are below all the same.";
-export const LOST = "The browser has taken the graphics away from this page. Load it again to see the fights.";
+export const LOST =
+  "The browser has taken the graphics away from this page. Load it again to see the fights.";
 
 /** Build the frame; `parts`: the elements of tiles, read-outs, timeline and controls. */
 export function frame(data, parts, acts) {
   const tally = element("p", { class: "tally" });
-  const header = element("header", {},
-    element("div", { class: "titles" },
-      element("h1", { text: data.title }), element("p", { class: "about", text: data.about })),
+  const header = element(
+    "header",
+    {},
+    element(
+      "div",
+      { class: "titles" },
+      element("h1", { text: data.title }),
+      element("p", { class: "about", text: data.about }),
+    ),
     tally,
-    tool("Light or dark", ICONS.theme, acts.theme), tool("Keys and gestures", ICONS.help, acts.help));
+    tool("Light or dark", ICONS.theme, acts.theme),
+    tool("Keys and gestures", ICONS.help, acts.help),
+  );
   const canvas = element("canvas", { "aria-hidden": "true" });
   const message = element("p", { class: "message", role: "alert", hidden: true });
-  const size = element("p", { class: "size", text: `drones drawn ${ENLARGEMENT} times their size` });
+  const size = element("p", {
+    class: "size",
+    text: `drones drawn ${ENLARGEMENT} times their size`,
+  });
   const stage = element("div", { class: "stage" }, canvas, parts.tiles, size, message);
   const main = element("main", {}, stage, parts.readouts);
   const footer = element("footer", {}, parts.timeline, parts.controls);
@@ -34,7 +46,11 @@ export function frame(data, parts, acts) {
 /** The results as a list, for who cannot see the pictures; `onOpen(index)`: a fight's numbers are wanted. */
 export function resultList(flights, onOpen) {
   const row = ({ name, result }, index) => {
-    const open = element("button", { type: "button", text: name, on: { click: () => onOpen(index) } });
+    const open = element("button", {
+      type: "button",
+      text: name,
+      on: { click: () => onOpen(index) },
+    });
     return element("li", {}, open, element("span", { text: result.sentence }));
   };
   return element("ul", { class: "results" }, ...flights.map(row));
@@ -42,10 +58,16 @@ export function resultList(flights, onOpen) {
 
 function helpDialog() {
   const rows = [...KEYS, ...GESTURES].map(([key, meaning]) =>
-    element("tr", {}, element("th", { scope: "row", text: key }), element("td", { text: meaning })));
+    element("tr", {}, element("th", { scope: "row", text: key }), element("td", { text: meaning })),
+  );
   const close = element("button", { type: "button", class: "close", text: "Close" });
-  const dialog = element("dialog", { "aria-label": "Keys and gestures" },
-    element("h2", { text: "Keys and gestures" }), element("table", {}, element("tbody", {}, ...rows)), close);
+  const dialog = element(
+    "dialog",
+    { "aria-label": "Keys and gestures" },
+    element("h2", { text: "Keys and gestures" }),
+    element("table", {}, element("tbody", {}, ...rows)),
+    close,
+  );
   close.addEventListener("click", () => dialog.close());
   return dialog;
 }

@@ -1,7 +1,14 @@
 /** What is drawn around the drones: bubbles of the rules' radii, plumb lines, the target, pulses at events. */
 import {
-  CircleGeometry, Color, CylinderGeometry, Group, Mesh, MeshBasicMaterial, RingGeometry,
-  ShaderMaterial, SphereGeometry,
+  CircleGeometry,
+  Color,
+  CylinderGeometry,
+  Group,
+  Mesh,
+  MeshBasicMaterial,
+  RingGeometry,
+  ShaderMaterial,
+  SphereGeometry,
 } from "three";
 
 const SPHERE = new SphereGeometry(1, 40, 24);
@@ -35,7 +42,12 @@ void main() {
 export function bubble(colour, radius, base = 0.05, rim = 0.5) {
   const uniforms = { colour: { value: colour }, base: { value: base }, rim: { value: rim } };
   const shaders = { vertexShader: BUBBLE_VERTEX, fragmentShader: BUBBLE_FRAGMENT };
-  const material = new ShaderMaterial({ uniforms, ...shaders, transparent: true, depthWrite: false });
+  const material = new ShaderMaterial({
+    uniforms,
+    ...shaders,
+    transparent: true,
+    depthWrite: false,
+  });
   const mesh = new Mesh(SPHERE, material);
   mesh.scale.setScalar(radius);
   mesh.renderOrder = 4;

@@ -61,7 +61,13 @@ export class Model {
 export function sights(flight, rules) {
   const [x, y, z] = flight.target;
   const { reach } = rules;
-  const points = [[x - reach, y, z], [x + reach, y, z], [x, y - reach, z], [x, y + reach, z], [x, y, 0]];
+  const points = [
+    [x - reach, y, z],
+    [x + reach, y, z],
+    [x, y - reach, z],
+    [x, y + reach, z],
+    [x, y, 0],
+  ];
   points.push([x, y, z + reach]);
   const most = 1.3 * rules.arena; // who flies far away must not make the others small
   for (const role of flight.drones) {

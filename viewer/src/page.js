@@ -7,7 +7,7 @@ import { listen } from "./keyboard.js";
 import { LOST, NO_WEBGL, frame, resultList } from "./layout.js";
 import { Readouts } from "./readouts.js";
 import { Stage } from "./stage.js";
-import style from "./style.css";
+import style from "./style.js";
 import { Theme } from "./theme.js";
 import { Tiles } from "./tiles.js";
 import { Timeline } from "./timeline.js";
@@ -90,7 +90,9 @@ export class Page {
       console.info(`replay: ${error.message}`);
       this.say(NO_WEBGL);
       this.root.classList.add("undrawn");
-      this.root.querySelector(".stage").append(resultList(this.flights, (index) => this.open(index)));
+      this.root
+        .querySelector(".stage")
+        .append(resultList(this.flights, (index) => this.open(index)));
       return;
     }
     this.canvas.addEventListener("webglcontextlost", () => this.say(LOST));

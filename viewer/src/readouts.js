@@ -15,21 +15,35 @@ export class Readouts {
   constructor(flights, rules, acts) {
     Object.assign(this, { flights, rules, acts });
     this.place = element("span", { class: "place" });
-    this.browse = element("nav", { class: "browse", "aria-label": "Fights" },
-      tool("All fights", ICONS.all, acts.all), tool("Previous fight", ICONS.previous, acts.previous),
-      this.place, tool("Next fight", ICONS.next, acts.next));
+    this.browse = element(
+      "nav",
+      { class: "browse", "aria-label": "Fights" },
+      tool("All fights", ICONS.all, acts.all),
+      tool("Previous fight", ICONS.previous, acts.previous),
+      this.place,
+      tool("Next fight", ICONS.next, acts.next),
+    );
     this.browse.hidden = flights.length === 1;
     this.verdict = element("p", { class: "verdict", "aria-live": "polite" });
     this.cards = ROLES.map((role, index) => droneCard(role, index, rules));
-    this.between = pairs([["Apart", "m"], ["Closing", "m/s"], ["To the target", "m"]]);
+    this.between = pairs([
+      ["Apart", "m"],
+      ["Closing", "m/s"],
+      ["To the target", "m"],
+    ]);
     this.events = element("ol", { class: "events" });
     this.panel = element(
-      "aside", { class: "readouts", "aria-label": "Read-outs" },
+      "aside",
+      { class: "readouts", "aria-label": "Read-outs" },
       element("div", { class: "top" }, this.browse, this.verdict),
       element("div", { class: "cards" }, ...this.cards.map(({ card }) => card)),
       element("dl", { class: "card between" }, ...this.between.rows),
-      element("section", { class: "card log", "aria-label": "Events" },
-        element("h2", { text: "Events" }), this.events),
+      element(
+        "section",
+        { class: "card log", "aria-label": "Events" },
+        element("h2", { text: "Events" }),
+        this.events,
+      ),
     );
   }
 
@@ -55,7 +69,10 @@ export class Readouts {
     const now = Math.min(time, flight.end);
     const over = time >= flight.end - 1e-6;
     this.verdict.dataset.winner = over ? flight.result.winner : "";
-    write(this.verdict, over ? flight.result.sentence : [flight.name, flight.note].filter(Boolean).join(", "));
+    write(
+      this.verdict,
+      over ? flight.result.sentence : [flight.name, flight.note].filter(Boolean).join(", "),
+    );
     for (const role of flight.drones) this.cards[role].show(flight, role, now);
     const { values } = this.between;
     const both = flight.drones.includes(DEFENDER);
@@ -71,20 +88,30 @@ export class Readouts {
     const seek = () => this.acts.seek(event.time);
     const label = element("span", { text: event.text, "data-colour": event.colour });
     const time = element("time", { text: seconds(event.time) });
-    return element("li", {}, element("button", { type: "button", on: { click: seek } }, time, label));
+    return element(
+      "li",
+      {},
+      element("button", { type: "button", on: { click: seek } }, time, label),
+    );
   }
 }
 
 function droneCard(role, index, rules) {
   const name = element("span", { class: "pilot" });
   const title = role[0].toUpperCase() + role.slice(1);
-  const { rows, values } = pairs([["Speed", "m/s"], ["Height", "m"], ["Thrust", "N"]]);
+  const { rows, values } = pairs([
+    ["Speed", "m/s"],
+    ["Height", "m"],
+    ["Thrust", "N"],
+  ]);
   const thrust = bar("thrust");
   thrust.mark.style.left = `${(100 * rules.weight[index]) / rules.thrust[index]}%`;
   thrust.mark.title = "thrust that carries its weight";
   const moments = ["Roll", "Pitch", "Yaw"].map((axis) => ({ axis, ...bar("moment") }));
   const sticks = element("div", { class: "moments" });
-  sticks.append(...moments.map(({ axis, box }) => element("div", {}, element("span", { text: axis }), box)));
+  sticks.append(
+    ...moments.map(({ axis, box }) => element("div", {}, element("span", { text: axis }), box)),
+  );
   const heading = element("h2", {}, element("span", { text: title }), name);
   const numbers = element("dl", {}, ...rows);
   const card = element("section", { class: `card drone ${role}`, "aria-label": title });
@@ -109,15 +136,24 @@ function droneCard(role, index, rules) {
 function pairs(labels) {
   const values = labels.map(() => element("span", { class: "number", text: NO_NUMBER }));
   const rows = labels.map(([label, unit], i) =>
-    element("div", {}, element("dt", { text: label }),
-      element("dd", {}, values[i], element("span", { class: "unit", text: unit }))));
+    element(
+      "div",
+      {},
+      element("dt", { text: label }),
+      element("dd", {}, values[i], element("span", { class: "unit", text: unit })),
+    ),
+  );
   return { rows, values };
 }
 
 function bar(kind) {
   const fill = element("span", { class: "fill" });
   const mark = element("span", { class: "mark" });
-  return { fill, mark, box: element("div", { class: `gauge ${kind}`, "aria-hidden": "true" }, fill, mark) };
+  return {
+    fill,
+    mark,
+    box: element("div", { class: `gauge ${kind}`, "aria-hidden": "true" }, fill, mark),
+  };
 }
 
 /** How fast the distance between the drones shrinks, m/s. */

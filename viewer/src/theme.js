@@ -42,6 +42,7 @@ export class Theme {
 function surroundings() {
   const { classList, dataset } = document.body;
   if (dataset.jpThemeLight) return dataset.jpThemeLight === "true" ? "light" : "dark";
-  if (classList.contains("vscode-dark") || classList.contains("vscode-high-contrast")) return "dark";
+  if (classList.contains("vscode-dark") || classList.contains("vscode-high-contrast"))
+    return "dark";
   return classList.contains("vscode-light") ? "light" : undefined;
 }

@@ -2,7 +2,8 @@
 import { DEFENDER } from "./flight.js";
 import { element, icon, seconds, write } from "./dom.js";
 
-const ENLARGE = "M4 4h7v2H7.4l4.3 4.3-1.4 1.4L6 7.4V11H4zm16 16h-7v-2h3.6l-4.3-4.3 1.4-1.4 4.3 4.3V13h2z";
+const ENLARGE =
+  "M4 4h7v2H7.4l4.3 4.3-1.4 1.4L6 7.4V11H4zm16 16h-7v-2h3.6l-4.3-4.3 1.4-1.4 4.3 4.3V13h2z";
 const RATIO = 1.45; // width over height that a picture had best
 
 export class Tiles {
@@ -49,7 +50,9 @@ export class Tiles {
       if (box.hidden) return null;
       const { left, top, width, height } = box.getBoundingClientRect();
       const outside = top > frame.bottom || top + height < frame.top || width < 2 || height < 2;
-      return outside ? null : { index, left: left - frame.left, top: top - frame.top, width, height };
+      return outside
+        ? null
+        : { index, left: left - frame.left, top: top - frame.top, width, height };
     });
     return places.filter(Boolean);
   }
@@ -75,7 +78,10 @@ function tile(flight, index, onOpen) {
   const enlarge = element(
     "button",
     {
-      type: "button", class: "plain enlarge", "aria-label": `Enlarge ${flight.name}`, title: "Enlarge",
+      type: "button",
+      class: "plain enlarge",
+      "aria-label": `Enlarge ${flight.name}`,
+      title: "Enlarge",
       on: { click: (event) => (event.stopPropagation(), onOpen(index)) },
     },
     icon(ENLARGE),

@@ -10,12 +10,22 @@ export class Timeline {
   constructor(clock, rules, onSeek) {
     this.clock = clock;
     this.rules = rules;
-    this.chart = svg("svg", { viewBox: `0 0 ${WIDE} ${TALL}`, preserveAspectRatio: "none", class: "chart" });
+    this.chart = svg("svg", {
+      viewBox: `0 0 ${WIDE} ${TALL}`,
+      preserveAspectRatio: "none",
+      class: "chart",
+    });
     this.chart.setAttribute("aria-hidden", "true");
     this.marks = element("div", { class: "marks", "aria-hidden": "true" });
     this.head = element("div", { class: "playhead" });
     this.legend = element("p", { class: "legend", "aria-hidden": "true" });
-    this.slider = element("input", { type: "range", min: 0, step: 1, value: 0, "aria-label": "Time" });
+    this.slider = element("input", {
+      type: "range",
+      min: 0,
+      step: 1,
+      value: 0,
+      "aria-label": "Time",
+    });
     const seek = () => onSeek(Number(this.slider.value) * clock.dt);
     this.slider.addEventListener("input", seek);
     const track = element("div", { class: "track" }, this.chart, this.marks, this.head);
@@ -27,11 +37,19 @@ export class Timeline {
     const { duration, dt, end } = this.clock;
     this.slider.max = Math.ceil(duration / dt - 1e-6);
     const x = (time) => (WIDE * time) / duration;
-    const after = svg("rect", { class: "after", x: x(end), y: 0, width: WIDE - x(end), height: TALL });
+    const after = svg("rect", {
+      class: "after",
+      x: x(end),
+      y: 0,
+      width: WIDE - x(end),
+      height: TALL,
+    });
     this.chart.replaceChildren(after);
     this.legend.replaceChildren();
     if (flights.length === 1) this.drawCurves(flights[0], x);
-    this.marks.replaceChildren(...flights.flatMap((flight) => ticks(flight, flights.length > 1, duration)));
+    this.marks.replaceChildren(
+      ...flights.flatMap((flight) => ticks(flight, flights.length > 1, duration)),
+    );
     this.show();
   }
 

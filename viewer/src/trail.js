@@ -73,11 +73,22 @@ export class Trail {
 
 function material(colour, size, fade, strength, flat) {
   const uniforms = {
-    size, colour: { value: colour }, now: { value: 0 }, width: { value: TRAIL_WIDTH },
-    strength: { value: strength }, fade: { value: fade }, flat_: { value: flat }, height: { value: 0.006 },
+    size,
+    colour: { value: colour },
+    now: { value: 0 },
+    width: { value: TRAIL_WIDTH },
+    strength: { value: strength },
+    fade: { value: fade },
+    flat_: { value: flat },
+    height: { value: 0.006 },
   };
   const options = { transparent: true, depthWrite: false, side: 2 };
-  return new ShaderMaterial({ uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT, ...options });
+  return new ShaderMaterial({
+    uniforms,
+    vertexShader: VERTEX,
+    fragmentShader: FRAGMENT,
+    ...options,
+  });
 }
 
 /** Two corners for each point, one on either side. */
@@ -92,7 +103,10 @@ function band(path, times) {
   }
   for (let i = 0; i < count; i += 1) {
     const [from, to] = [Math.max(i - 1, 0), Math.min(i + 1, count - 1)];
-    for (const [k, side] of [[2 * i, 1], [2 * i + 1, -1]]) {
+    for (const [k, side] of [
+      [2 * i, 1],
+      [2 * i + 1, -1],
+    ]) {
       for (let axis = 0; axis < 3; axis += 1) {
         arrays.position[3 * k + axis] = path[3 * i + axis];
         arrays.ahead[3 * k + axis] = path[3 * to + axis] - path[3 * from + axis];

@@ -1,6 +1,12 @@
 /** What all fights share: sky, floor and lights, in the colours of the theme. */
 import {
-  Color, DirectionalLight, HemisphereLight, Mesh, PlaneGeometry, Scene, ShaderMaterial,
+  Color,
+  DirectionalLight,
+  HemisphereLight,
+  Mesh,
+  PlaneGeometry,
+  Scene,
+  ShaderMaterial,
 } from "three";
 
 const SKY_VERTEX = `

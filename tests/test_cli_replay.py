@@ -1,4 +1,4 @@
-"""`dronecombat replay`: which words name players and which belong to flags; the flying itself is replaced."""
+"""`dronecombat replay`: which words name players, which are flags; the flying is replaced."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Moving pictures for places that play no video: GIF and WebP, which a README or a slide shows as a picture.
+"""Moving pictures for places that play no video: GIF and WebP, as a README or a slide shows them.
 
 What does not live here: the frames, and h264 (`video`).
 """
@@ -10,12 +10,13 @@ import numpy as np
 from PIL import Image
 
 GIF_WIDTH, WEBP_WIDTH = 560, 720  # pixels, at most
-EVERY = 2  # of the frames one in so many: a GIF counts hundredths of a second, and both grow with every frame
+# Of the frames one in so many: a GIF counts hundredths of a second, and both grow with every frame.
+EVERY = 2
 WEBP_QUALITY = 72
 
 
 def encode_gif(frames: Iterator[np.ndarray], rate: int) -> bytes:
-    """Frames, uint8 [height, width, 3] at `rate` a second, as a GIF that plays for ever, in one palette of its own."""
+    """Frames, uint8 [height, width, 3] at `rate` a second, as a GIF that plays for ever."""
     images = _smaller(frames, GIF_WIDTH)
     palette = _side_by_side(images[:: max(1, len(images) // 8)]).quantize(255)
     drawn = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
@@ -33,7 +34,8 @@ def _smaller(frames: Iterator[np.ndarray], width: int) -> list[Image.Image]:
     for index, pixels in enumerate(frames):
         if index % EVERY == 0:
             image = Image.fromarray(pixels)
-            size = (min(width, image.width), round(image.height * min(width, image.width) / image.width))
+            wide = min(width, image.width)
+            size = (wide, round(image.height * wide / image.width))
             images.append(image.resize(size, Image.Resampling.LANCZOS))
     return images
 
@@ -50,5 +52,6 @@ def _side_by_side(images: list[Image.Image]) -> Image.Image:
 def _saved(images: list[Image.Image], kind: str, milliseconds: int, **options) -> bytes:
     content = io.BytesIO()
     first, *others = images
-    first.save(content, kind, save_all=True, append_images=others, duration=milliseconds, loop=0, **options)
+    options |= {"append_images": others, "duration": milliseconds}
+    first.save(content, kind, save_all=True, loop=0, **options)
     return content.getvalue()

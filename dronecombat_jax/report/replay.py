@@ -1,6 +1,6 @@
 """`dronecombat replay`, and `show` for notebooks: fights flown anew, as a page, a cell or a film.
 
-What does not live here: flying (`runs.recording`), the page (`replay_page`), what is in it (`replay_data`).
+What does not live here: flying (`runs.recording`), the page (`replay_page`, `replay_data`).
 """
 
 import contextlib
@@ -18,7 +18,15 @@ from dronecombat_jax.report.replay_data import Fight, Rules, replay_data, rules_
 from dronecombat_jax.report.replay_page import CELL_HEIGHT, cell, page
 from dronecombat_jax.report.video import FILMS, render_fight
 from dronecombat_jax.runs.atomic import cannot_write, write_atomic
-from dronecombat_jax.runs.flyers import Crew, Flyer, Named, chunks_along, of_run, read_crew, run_name
+from dronecombat_jax.runs.flyers import (
+    Crew,
+    Flyer,
+    Named,
+    chunks_along,
+    of_run,
+    read_crew,
+    run_name,
+)
 from dronecombat_jax.runs.recording import Filming, game_with_starts, recorder
 from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES
 
@@ -62,16 +70,24 @@ def show(
     allow_mismatch: bool = False,
     height: int = CELL_HEIGHT,
 ) -> Replay:
-    """Fly fights and return them for a notebook's output: `show("ippo")`, `show(defender="hover", attacker="dash")`.
+    """Fly fights and return them for a notebook's output, such as `show("ippo", defender="hover")`.
 
-    `words`, `defender`, `attacker` and the rest are those of `dronecombat replay`. Raises UserError as it does.
+    All arguments are those of `dronecombat replay`. Raises UserError as it does.
     """
     named = Named(words, (str(defender), str(attacker)), run_seed, allow_mismatch)
-    return _fly(read_crew(named), named, Filming(fights, seed, stochastic, spawn), evolution)._replace(height=height)
+    filming = Filming(fights, seed, stochastic, spawn)
+    return _fly(read_crew(named), named, filming, evolution)._replace(height=height)
 
 
-def replay(named: Named, filming: Filming, *, out: Path | None, evolution: bool = False, browser: bool = False) -> int:
-    """Fly, write and name the file; returns 0. UserError: 2 for words and suffixes, 3 for data, 73 for the file."""
+def replay(
+    named: Named,
+    filming: Filming,
+    *,
+    out: Path | None,
+    evolution: bool = False,
+    browser: bool = False,
+) -> int:
+    """Fly, write and name the file; returns 0. UserError: 2 for words, 3 for data, 73 for files."""
     crew = read_crew(named)
     path = out or _place(crew, evolution)
     if path.suffix not in SUFFIXES:
@@ -89,17 +105,17 @@ def replay(named: Named, filming: Filming, *, out: Path | None, evolution: bool 
 
 
 def write_replay(run: Path) -> Path:
-    """The replay of a run's newest policies, beside its other results: what the command writes without flags."""
+    """Write the replay of a run's newest policies into it, as the command does without flags."""
     named = Named((str(run),))
     crew = read_crew(named)
     return _fly(crew, named, Filming(), evolution=False).save(_place(crew, evolution=False))
 
 
 def open_page(path: Path) -> None:
-    """Open the page where there is a browser; where there is none, its path is on the screen already."""
-    windows = sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if not windows:  # a browser for terminals would take this one over
-        return
+    """Open the page where there is a browser; elsewhere its path is on the screen already."""
+    displays = [os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")]
+    if sys.platform == "linux" and not any(displays):
+        return  # a browser for terminals would take this one over
     with contextlib.suppress(Exception):  # a browser that is broken is no fault of the replay
         webbrowser.open(path.resolve().as_uri())
 
@@ -111,7 +127,11 @@ def _place(crew: Crew, evolution: bool) -> Path:
 
 
 def _fly(
-    crew: Crew, named: Named, filming: Filming, evolution: bool, say: Callable[[str], None] = lambda _: None
+    crew: Crew,
+    named: Named,
+    filming: Filming,
+    evolution: bool,
+    say: Callable[[str], None] = lambda _: None,
 ) -> Replay:
     combat = Combat(game_with_starts(crew.config, filming.spawn))
     rules = rules_of(combat.config, combat.scene)
@@ -120,18 +140,23 @@ def _fly(
     title = _against(crew.flyers, rules.alone)
     say(f"flying {_counted(filming.fights)}: {title}")
     flown = recorder(combat, filming)(*crew.flyers)
-    labels = (crew.flyers[DEFENDER].label, crew.flyers[ATTACKER].label)
+    labels = _labels(crew.flyers)
     fights = tuple(Fight(one, f"Fight {index + 1}", labels) for index, one in enumerate(flown))
     return Replay(title, _about(filming, len(fights)), fights, rules)
 
 
 def _evolution(
-    crew: Crew, named: Named, combat: Combat, filming: Filming, rules: Rules, say: Callable[[str], None]
+    crew: Crew,
+    named: Named,
+    combat: Combat,
+    filming: Filming,
+    rules: Rules,
+    say: Callable[[str], None],
 ) -> Replay:
-    """One start, flown by the policies along a run's training; a side that --defender or --attacker names stays."""
+    """One start, flown by the policies along a run's training; a side that a flag names stays."""
     run = crew.run
     if run is None:
-        raise UserError("an evolution needs a RUN: its policies from the untrained ones to the newest")
+        raise UserError("an evolution needs a RUN: its untrained policies to its newest")
     learns = [role for role in range(len(ROLES)) if not named.wanted[role]]
     if not learns:
         raise UserError("an evolution of what? Leave out --defender, --attacker or both")
@@ -144,9 +169,10 @@ def _evolution(
         say(f"flying chunk {chunk} ({percent} % of the training)")
         (flown,) = fly(*flyers)
         note = f"chunk {chunk}, {_steps(flyers[learns[-1]].steps)}"
-        fights.append(Fight(flown, f"{percent} %", (flyers[DEFENDER].label, flyers[ATTACKER].label), note))
+        fights.append(Fight(flown, f"{percent} %", _labels(flyers), note))
     title = f"{run_name(run)} learns to fight"
-    stays = [f"{ROLES[role]} always {crew.flyers[role].label}" for role in range(len(ROLES)) if role not in learns]
+    stay = set(range(len(ROLES))) - set(learns)
+    stays = [f"{ROLES[role]} always {crew.flyers[role].label}" for role in stay]
     about = "The same start, flown by the policies along the training"
     return Replay(title, "; ".join([about, *stays, _how(filming)]), tuple(fights), rules)
 
@@ -176,7 +202,13 @@ def _against(flyers: Sequence[Flyer], alone: bool) -> str:
     defender, attacker = (flyer.label for flyer in flyers)
     if alone:
         return f"{attacker} alone"
-    return f"{attacker}, both sides" if defender == attacker else f"{defender} defends against {attacker}"
+    if defender == attacker:
+        return f"{attacker}, both sides"
+    return f"{defender} defends against {attacker}"
+
+
+def _labels(flyers: Sequence[Flyer]) -> tuple[str, str]:
+    return flyers[DEFENDER].label, flyers[ATTACKER].label
 
 
 def _about(filming: Filming, fights: int) -> str:

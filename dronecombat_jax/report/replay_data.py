@@ -1,6 +1,6 @@
 """Fights as the plain data of a replay page: states packed into int16, events, and who wins why.
 
-What does not live here: the page around them (`replay_page`). `viewer/src/flight.js` reads what is written here.
+What does not live here: the page around them (`replay_page`), its reader (`viewer/src/flight.js`).
 """
 
 import base64
@@ -20,6 +20,7 @@ from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_AGENTS, ROLES, Cause, 
 MOST_STATES = 8192  # of all fights of a page together: 0.6 MB; longer fights keep every n-th state
 STEPS = 32767  # of an int16 on either side of 0
 SIDES = {Outcome.DEFENDER: "defender", Outcome.ATTACKER: "attacker", Outcome.DRAW: "nobody"}
+Event = dict[str, Any]
 _REASONS = {
     Cause.NONE: "the fight was cut short",
     Cause.INTERCEPT: "it intercepts the attacker",
@@ -77,7 +78,7 @@ def rules_of(config: Config, scene: Scene) -> Rules:
 
 
 def replay_data(title: str, about: str, fights: Sequence[Fight], rules: Rules) -> dict[str, Any]:
-    """All that the page shows, as plain JSON. UserError 3 for a trajectory that is empty or malformed."""
+    """All that a page shows, as plain JSON. UserError 3 for an empty or malformed trajectory."""
     if not fights:
         raise ValueError("a replay needs a fight")
     most = max(2, MOST_STATES // len(fights))
@@ -141,7 +142,10 @@ def _kept(states: int, most: int) -> np.ndarray:
 
 
 def _pack(trajectory: Trajectory, kept: np.ndarray, extent: float, fastest: float) -> str:
-    """Base64 of little-endian int16 [T, A, 14]: position, quaternion wxyz, velocity, action, in shares of their scale."""
+    """Base64 of little-endian int16 [T, A, 14], in shares of their scale.
+
+    Position 3, quaternion wxyz 4, velocity 3, action 4.
+    """
     poses = trajectory.qpos.reshape(-1, NUM_AGENTS, 7)[kept]
     velocities = trajectory.qvel.reshape(-1, NUM_AGENTS, 6)[kept, :, :3]
     actions = np.nan_to_num(np.asarray(trajectory.action, float)[kept])
@@ -155,18 +159,20 @@ def _scale(values: np.ndarray) -> float:
     return max(float(np.abs(values).max()), 1e-6)
 
 
-def _events(trajectory: Trajectory, cause: Cause, winner: Outcome, rules: Rules) -> list[dict[str, Any]]:
+def _events(trajectory: Trajectory, cause: Cause, winner: Outcome, rules: Rules) -> list[Event]:
     """What happened, in order of time: drones that went down on the way, and the end."""
     positions = trajectory.qpos.reshape(-1, NUM_AGENTS, 7)[..., :3]
     end = float(trajectory.time[-1])
     final = _CRASHES.get(cause, ())
     events = []
     for role in (ATTACKER,) if rules.alone else (DEFENDER, ATTACKER):
-        low = 1 + np.flatnonzero(positions[1:, role, 2] < rules.crash_altitude)  # the start is no event
+        height = positions[1:, role, 2]  # the start is no event
+        low = 1 + np.flatnonzero(height < rules.crash_altitude)
         if not low.size or (role in final and trajectory.time[low[0]] >= end):
             continue
-        when, text = int(low[0]), f"{ROLES[role].capitalize()} crashes"
-        events.append(_event("crash", trajectory, when, text, ROLES[role], positions[when, role], (role,)))
+        when, name = int(low[0]), ROLES[role]
+        text, place = f"{name.capitalize()} crashes", positions[when, role]
+        events.append(_event("crash", trajectory, when, text, name, place, (role,)))
     place = {Cause.INTERCEPT: positions[-1].mean(axis=0), Cause.REACHED: positions[-1, ATTACKER]}
     where = place.get(cause, positions[-1, final[0] if final else ATTACKER])
     kind, last = "crash" if final else "end", len(positions) - 1
@@ -175,8 +181,14 @@ def _events(trajectory: Trajectory, cause: Cause, winner: Outcome, rules: Rules)
 
 
 def _event(
-    kind: str, trajectory: Trajectory, index: int, text: str, colour: str, place: np.ndarray, roles: Sequence[int]
-) -> dict[str, Any]:
+    kind: str,
+    trajectory: Trajectory,
+    index: int,
+    text: str,
+    colour: str,
+    place: np.ndarray,
+    roles: Sequence[int],
+) -> Event:
     colour = "neutral" if colour == "nobody" else colour
     return {
         "kind": kind,

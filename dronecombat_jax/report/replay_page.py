@@ -1,6 +1,7 @@
-"""A replay as HTML: one file that opens anywhere, or one notebook cell. Data in, text out; no files but the script.
+"""A replay as HTML: one file that opens anywhere, or one notebook cell. Data in, text out.
 
-The script is built from `viewer/` at the repository's root. What does not live here: the data (`replay_data`).
+The script is built from `viewer/` at the repository's root. What does not live here: the data
+(`replay_data`), files (`replay`).
 """
 
 import functools
@@ -16,7 +17,8 @@ _POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inl
 _STYLE = """
 html, body { height: 100%; margin: 0 } :root { color-scheme: light dark }
 body { font: 16px/1.5 system-ui, sans-serif }
-#replay, .dronecombat-replay-page { height: 100vh; height: 100dvh } #replay > p { margin: 0; padding: 2rem }
+#replay, .dronecombat-replay-page { height: 100vh; height: 100dvh }
+#replay > p { margin: 0; padding: 2rem }
 """
 _WAITING = (
     "The replay of the fights stands here once its script has run. "
@@ -30,21 +32,23 @@ def page(data: dict[str, Any]) -> str:
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1, viewport-fit=cover">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
-        f'<link rel="icon" href="data:,">\n<title>{escape(data["title"])}</title>\n<style>{_STYLE}</style>\n'
+        f'<link rel="icon" href="data:,">\n<title>{escape(data["title"])}</title>\n'
+        f"<style>{_STYLE}</style>\n"
         f'</head>\n<body>\n<div id="replay"><p>{_WAITING}</p></div>\n'
         f"<script>{script()}\n{_call('replay', data, embedded=False)}</script>\n</body>\n</html>\n"
     )
 
 
 def cell(data: dict[str, Any], name: str, height: int = CELL_HEIGHT) -> str:
-    """A `div` and a classic script for the output of a notebook cell; `name`: the div's id, another for each cell.
+    """A `div` and a classic script for a notebook's output; `name`: the div's id, another for each.
 
-    No frame, since VS Code runs no scripts in nested ones. The whole script is in each cell and runs in the first: a
-    notebook that was exported, or whose other cells were cleared, still plays.
+    No frame, since VS Code runs no scripts in nested ones. The whole script is in each cell and
+    runs in the first: a notebook that was exported, or whose other cells were cleared, still plays.
     """
     once = f"if (globalThis.dronecombatReplay?.sources !== {_plain(sources())}) {{\n{script()}\n}}"
     return (
-        f'<div id="{escape(name)}" data-lm-suppress-shortcuts="true" style="height: {int(height)}px">'
+        f'<div id="{escape(name)}" data-lm-suppress-shortcuts="true" '
+        f'style="height: {int(height)}px">'
         f"<p>{_WAITING}</p></div>\n<script>{once}\n{_call(name, data, embedded=True)}</script>\n"
     )
 

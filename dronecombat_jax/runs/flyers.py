@@ -1,4 +1,4 @@
-"""Who flies a recorded fight, as named on the command line: a run's chunk, a policy file, a scripted pilot.
+"""Who flies a recorded fight, as a command line names it: a chunk, a file, a scripted pilot.
 
 What does not live here: flying them (`recording`), the fields of tournaments (`entrants`).
 """
@@ -35,7 +35,7 @@ class Flyer(NamedTuple):
 
 
 class Crew(NamedTuple):
-    """Both sides, and the game that they play: the run's, the first file's, or the default preset's."""
+    """Both sides, and their game: the run's, the first file's, or the default preset's."""
 
     config: Config
     flyers: tuple[Flyer, Flyer]
@@ -43,7 +43,7 @@ class Crew(NamedTuple):
 
 
 class Named(NamedTuple):
-    """What the words of the command line name; `wanted` by role, "" for the run's newest or the file's."""
+    """What a command line names; `wanted` by role, "" for the run's newest or the file's."""
 
     words: tuple[str, ...] = ()
     wanted: tuple[str, str] = ("", "")
@@ -52,37 +52,45 @@ class Named(NamedTuple):
 
 
 def read_crew(named: Named) -> Crew:
-    """Find and check both sides. UserError: 2 for words that mean nothing, 3 for damaged data or another game."""
+    """Find and check both sides. UserError: 2 for unknown words, 3 for data or another game."""
     run, first, config = _read_words(named)
     if config.game.scenario == "solo" and named.wanted[DEFENDER]:
         raise UserError("in a solo run the attacker flies alone: --defender has no place there")
-    flyers = [
-        _wanted(named, role, run, named.wanted[role]) if named.wanted[role] else first.get(role) for role in (0, 1)
-    ]
-    for role, flyer in enumerate(flyers):
-        if flyer is None and run:
-            flyers[role] = of_run(run, role, None, named.run_seed)
-    for role, flyer in enumerate(flyers):
-        if flyer is None:
-            raise UserError(f"no {ROLES[role]} is named: give a run, a policy file, or --{ROLES[role]}")
-    crew = Crew(config, tuple(flyers), run)  # pyright: ignore[reportArgumentType]
+    flyers = []
+    for role, name in enumerate(ROLES):
+        flyer = _wanted(named, role, run) if named.wanted[role] else first.get(role)
+        if flyer is None and run is None:
+            raise UserError(f"no {name} is named: give a run, a policy file, or --{name}")
+        flyers.append(flyer or of_run(run, role, None, named.run_seed))  # pyright: ignore
+    crew = Crew(config, (flyers[DEFENDER], flyers[ATTACKER]), run)
     _refuse_other_games(crew, named.allow_mismatch)
     return crew
 
 
 def of_run(run: RunDirectory, role: int, chunk: int | None, run_seed: int) -> Flyer:
-    """The policy of a run after `chunk` (0: untrained, None: the newest). UserError 2 for a seed, 3 for a checkpoint."""
+    """The policy of a run after `chunk` (0: untrained, None: the newest).
+
+    UserError: 2 for a seed, 3 for a checkpoint.
+    """
     saved = load_run(run.path, chunk)
     config, first = saved.config, saved.config.train.seed
     index = 0 if run_seed < 0 else run_seed - first
     if not 0 <= index < config.train.num_seeds:
-        raise UserError(f"{run.path} has seeds {first} to {first + config.train.num_seeds - 1}, not {run_seed}")
+        last = first + config.train.num_seeds - 1
+        raise UserError(f"{run.path} has seeds {first} to {last}, not {run_seed}")
     policy = policies(saved, index)[role]
     name, chunk = run_name(run), saved.iteration // config.train.chunk_iterations
     seeded = f"{name}/{first + index}" if config.train.num_seeds > 1 else name
     steps = saved.iteration * config.steps_per_iteration
-    identity = identity_of(policy, config.learn.normalize_observations)
-    return Flyer(f"{seeded} chunk {chunk}", policy, config.learn, identity, environment(config), chunk, steps)
+    return Flyer(
+        label=f"{seeded} chunk {chunk}",
+        pilot=policy,
+        learn=config.learn,
+        identity=identity_of(policy, config.learn.normalize_observations),
+        environment=environment(config),
+        chunk=chunk,
+        steps=steps,
+    )
 
 
 def last_run(root: Path | str = "runs") -> RunDirectory:
@@ -90,7 +98,7 @@ def last_run(root: Path | str = "runs") -> RunDirectory:
     saved = [folder for folder in Path(root).glob("*/checkpoints") if folder.is_dir()]
     if not saved:
         raise UserError(
-            f"no run is in {root}/ yet: train first, or name scripted pilots (--defender hover --attacker dash)",
+            f"no run is in {root}/ yet: train, or name pilots: --defender hover --attacker dash",
             EXIT_DATA,
         )
     return RunDirectory(max(saved, key=lambda folder: folder.stat().st_mtime).parent)
@@ -102,14 +110,16 @@ def run_name(run: RunDirectory) -> str:
 
 
 def chunks_along(run: RunDirectory, parts: int = 10) -> list[tuple[int, int]]:
-    """Checkpoints at 0, 1/`parts`, ... 1 of what has been trained: (percent, chunk), the nearest of those saved."""
+    """(percent, chunk) of the saved chunks nearest to 0, 1/`parts`, ... 1 of the training."""
     config = newest_start(run).config
     size = config.train.chunk_iterations
     saved = [step // size for step in checkpoint.steps(run.checkpoints) if step % size == 0]
     if not saved:
         raise UserError(f"{run.path}: no chunk of training is saved", EXIT_DATA)
-    nearest = [min(saved, key=lambda chunk: abs(chunk - saved[-1] * part / parts)) for part in range(parts + 1)]
-    return [(round(100 * chunk / max(saved[-1], 1)), chunk) for chunk in dict.fromkeys(nearest)]
+    last = saved[-1]
+    nearest = lambda wanted: min(saved, key=lambda chunk: abs(chunk - wanted))
+    chunks = dict.fromkeys(nearest(last * part / parts) for part in range(parts + 1))
+    return [(round(100 * chunk / max(last, 1)), chunk) for chunk in chunks]
 
 
 def _read_words(named: Named) -> tuple[RunDirectory | None, dict[int, Flyer], Config]:
@@ -120,7 +130,7 @@ def _read_words(named: Named) -> tuple[RunDirectory | None, dict[int, Flyer], Co
     for word in named.words:
         if not _is_player(word):
             if run is not None:
-                raise UserError(f"{one_line(word)}: a second run; name its player by --defender or --attacker")
+                raise UserError(f"{one_line(word)}: a second run; name its player with a flag")
             run = RunDirectory(find_run(word))
             continue
         role, flyer, game = _player(word)
@@ -153,11 +163,13 @@ def _player(word: str) -> tuple[int, Flyer, Config | None]:
     assert player is not None  # only checkpoints of runs go missing
     label = f"{entrant.label} (scripted)" if isinstance(player.pilot, str) else entrant.label
     learn = LearnConfig(normalize_observations=player.normalize)
-    return role, Flyer(label, player.pilot, learn, player.identity, met, entrant.chunk, entrant.steps), found.config
+    flyer = Flyer(label, player.pilot, learn, player.identity, met, entrant.chunk, entrant.steps)
+    return role, flyer, found.config
 
 
-def _wanted(named: Named, role: int, run: RunDirectory | None, word: str) -> Flyer:
+def _wanted(named: Named, role: int, run: RunDirectory | None) -> Flyer:
     """The player that --defender or --attacker names."""
+    word = named.wanted[role]
     flag = f"--{ROLES[role]} {one_line(word)}"
     if not _stands_alone(word):
         if run is None:
@@ -174,8 +186,8 @@ def _wanted(named: Named, role: int, run: RunDirectory | None, word: str) -> Fly
         other = RunDirectory(find_run(path))
     except UserError as error:
         pilots = ", ".join(PILOTS[role])
-        message = f"{flag}: no chunk number, no scripted pilot ({pilots}), no policy file, and {error.message}"
-        raise UserError(message) from None
+        kinds = f"no chunk number, no scripted pilot ({pilots}), no policy file"
+        raise UserError(f"{flag}: {kinds}, and {error.message}") from None
     return of_run(other, role, int(chunk) if chunk else None, -1)
 
 
@@ -188,7 +200,4 @@ def _refuse_other_games(crew: Crew, allowed: bool) -> None:
         if lines and not allowed:
             more = f"; and {len(lines) - 5} more" if len(lines) > 5 else ""
             message = f"{flyer.label} was trained in another game: {'; '.join(lines[:5])}{more}"
-            raise UserError(f"{message}; --allow-env-mismatch lets it fly here all the same", EXIT_DATA)
-
-
-assert (DEFENDER, ATTACKER) == (0, 1)
+            raise UserError(f"{message}; --allow-env-mismatch lets it fly here", EXIT_DATA)

@@ -1,6 +1,6 @@
 """Fights recorded step by step, for replays and films. Nothing is drawn here.
 
-Fight e of a seed starts as fight e of a tournament with that seed, whoever flies and however many are recorded.
+Fight e of a seed starts as fight e of a tournament with that seed, however many are recorded.
 What does not live here: who flies (`flyers`), counting outcomes (`evaluation`).
 """
 
@@ -23,6 +23,7 @@ from dronecombat_jax.runs.flyers import Flyer
 from dronecombat_jax.types import EnvState, FightRecord, Policy, Trajectory
 
 Record = Callable[[Flyer, Flyer], list[Trajectory]]
+Kind = str | LearnConfig  # a scripted pilot's name, or how a policy is flown
 
 
 class Filming(NamedTuple):
@@ -31,24 +32,26 @@ class Filming(NamedTuple):
     fights: int = 9
     seed: int = 0  # of the start states
     stochastic: bool = False  # draw the policies' actions instead of taking their mean
-    spawn: str = ""  # "fixed" (the three points themselves) or "uniform" starts; "": those of the run
+    spawn: str = ""  # "fixed" (the three points themselves) or "uniform"; "": as the run
 
 
 def game_with_starts(config: Config, spawn: str) -> Config:
     """The same game with other starts; "" leaves them."""
     if not spawn:
         return config
-    return replace(config, game=replace(config.game, spawn=spawn, spawn_spread=0.0, defender_spread=0.0))
+    game = replace(config.game, spawn=spawn, spawn_spread=0.0, defender_spread=0.0)
+    return replace(config, game=game)
 
 
 def recorder(combat: Combat, filming: Filming) -> Record:
-    """A function from defender and attacker to their fights; compiled once for policies of one shape."""
+    """A function from both sides to their fights; compiled once for policies of one shape."""
     starts = jax.jit(partial(start_states, combat), static_argnums=1)(filming.seed, filming.fights)
     seed = jnp.uint32(filming.seed)
 
     @partial(jax.jit, static_argnums=0)
-    def fly(kinds: tuple[str | LearnConfig, ...], pilots: tuple[Policy | None, ...], words: jax.Array) -> FightRecord:
-        each = [_pilot(combat, role, kind, pilots[role], filming.stochastic) for role, kind in enumerate(kinds)]
+    def fly(kinds: tuple[Kind, ...], pilots: tuple[Policy | None, ...], words: jax.Array) -> Any:
+        act = partial(_pilot, combat, filming.stochastic)
+        each = [act(role, *given) for role, given in enumerate(zip(kinds, pilots, strict=True))]
 
         def one(start: EnvState, episode: jax.Array) -> FightRecord:
             alone = jax.tree.map(lambda leaf: leaf[None], start)
@@ -67,7 +70,13 @@ def recorder(combat: Combat, filming: Filming) -> Record:
     return call
 
 
-def _pilot(combat: Combat, role: int, kind: str | LearnConfig, policy: Policy | None, stochastic: bool) -> Pilot:
+def _pilot(
+    combat: Combat,
+    stochastic: bool,
+    role: int,
+    kind: Kind,
+    policy: Policy | None,
+) -> Pilot:
     if isinstance(kind, str):
         return build_pilot(kind, combat.config, combat.scene, role)
     assert policy is not None
@@ -75,7 +84,7 @@ def _pilot(combat: Combat, role: int, kind: str | LearnConfig, policy: Policy | 
 
 
 def _joined(fights: FightRecord) -> FightRecord:
-    """Records of single fights, leaves [E, T, 1, ...] and [E, 1, ...], as the record of E fights."""
-    stepwise: Any = lambda leaf: np.swapaxes(leaf[:, :, 0], 0, 1)
+    """Records of single fights, leaves [E, T, 1, ...] and [E, 1, ...], as that of E fights."""
+    qpos, qvel, action = (np.swapaxes(leaf[:, :, 0], 0, 1) for leaf in fights[:3])
     start, result = jax.tree.map(lambda leaf: leaf[:, 0], (fights.start, fights.result))
-    return FightRecord(stepwise(fights.qpos), stepwise(fights.qvel), stepwise(fights.action), start, result)
+    return FightRecord(qpos, qvel, action, start, result)  # pyright: ignore[reportArgumentType]

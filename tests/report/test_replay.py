@@ -1,4 +1,4 @@
-"""`dronecombat replay` from end to end on a toy run: pages, evolution, films, mistakes, and what training leaves."""
+"""`dronecombat replay` from end to end on a toy run, and what a training leaves."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The replay page in a real browser: it draws, plays, listens to keys, mouse and fingers, and is quiet."""
+"""The replay page in a browser: it draws, plays, obeys keys, mouse and fingers, and is quiet."""
 
 import io
 from collections.abc import Iterator
@@ -19,7 +19,8 @@ LOCATE = """
 const [fight, drone, time] = it;
 const view = replay.tiles.views(replay.canvas).find(({ index }) => index === fight);
 const camera = replay.stage.cameraFor(fight, time, view.width / view.height);
-const place = camera.position.clone().fromArray(replay.flights[fight].position(drone, time)).project(camera);
+const point = replay.flights[fight].position(drone, time);
+const place = camera.position.clone().fromArray(point).project(camera);
 const frame = replay.canvas.getBoundingClientRect();
 return [frame.left + view.left + (0.5 + place.x / 2) * view.width,
   frame.top + view.top + (0.5 - place.y / 2) * view.height];
@@ -34,7 +35,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Addresses of a page with one fight, with four and hostile names, and of a document with two cells."""
+    """Addresses of a page with one fight, of four with hostile names, of a document with two cells."""
     folder = tmp_path_factory.mktemp("pages")
     one, four = (Replay(name, "about", tuple(fights(count, 100, name)), RULES)
                  for name, count in (("one", 1), (HOSTILE, 4)))  # fmt: skip
@@ -192,8 +193,7 @@ def test_without_webgl_a_sentence_says_so_and_the_numbers_are_there(browser: Any
 
 
 def test_two_cells_of_a_notebook_do_not_meet(browser: Any, pages: dict[str, str]):
-    tab = Tab(browser, pages["cells"], (900, 1400), script="document.addEventListener('DOMContentLoaded', "
-              "() => { document.body.dataset.jpThemeLight = 'true' })")  # fmt: skip
+    tab = Tab(browser, pages["cells"], (900, 1400))
     hosts = "[...document.querySelectorAll('[id^=dronecombat-replay]')]"
     assert tab.page.evaluate(f"{hosts}.length") == 2 and tab.page.locator("canvas").count() == 2
     tab.page.evaluate(f"{hosts}[0].replay.clock.seek(0.5)")

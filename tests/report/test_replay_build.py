@@ -16,7 +16,7 @@ PACKAGE = json.loads((VIEWER / "package.json").read_text())
 
 
 def digest() -> str:
-    """As `viewer/build.mjs` computes it: names and bytes of what the script is made from, in order of name."""
+    """As `viewer/build.mjs` computes it, over what the script is made from."""
     names = ["build.mjs", "package.json", *(f"src/{path.name}" for path in (VIEWER / "src").iterdir())]
     total = hashlib.sha256()
     for name in sorted(names):

@@ -1,4 +1,4 @@
-"""The page and the notebook cell as text: whole, small, harmless whatever the names, and asking nobody."""
+"""The page and the notebook cell as text: whole, small, harmless, and asking nobody."""
 
 import html
 import json

@@ -19,7 +19,7 @@ from dronecombat_jax.runs.rundir import RunDirectory
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """runs/toy with chunks 0 to 3, runs/other with chunk 1, and two policy files of the toy game."""
+    """runs/toy with chunks 0 to 3, runs/other with chunk 1, two policy files of the toy game."""
     home = tmp_path_factory.mktemp("home")
     write_run(home / "runs" / "toy")
     write_run(home / "runs" / "other", chunks=range(1, 2), seed=1)
@@ -71,7 +71,7 @@ def test_a_runs_policy_is_that_of_its_checkpoint(home: Path):
 @pytest.mark.parametrize(
     ("words", "wanted", "code", "message"),
     [
-        ("toy other", ("", ""), EXIT_CONFIG, "other: a second run"),
+        ("toy other", ("", ""), EXIT_CONFIG, "other: a second run; name its player with a flag"),
         ("attacker.safetensors", ("", ""), EXIT_CONFIG, "no defender is named"),
         ("attacker.safetensors scripted:dash", ("", ""), EXIT_CONFIG, "two attackers are named"),
         ("toy scripted:all", ("", ""), EXIT_CONFIG, "name one pilot"),

@@ -1,4 +1,4 @@
-"""A headless Chromium that draws WebGL in software, and a page in it that notes what it should not do."""
+"""A headless Chromium that draws WebGL in software, and a page in it that notes its faults."""
 
 import shutil
 import time
@@ -57,12 +57,12 @@ class Tab:
         self.page.goto(address)
 
     def run(self, body: str, argument: Any = None) -> Any:
-        """The value of a JavaScript function body; `replay` is the page's replay, `it` the argument."""
+        """The value of a JavaScript function body; `it` is the argument, `replay` the page's."""
         found = "const replay = document.querySelector('#replay, [id^=dronecombat]').replay;"
         return self.page.evaluate(f"(it) => {{ {found} {body} }}", argument)
 
     def wait(self, body: str, seconds: float = 60.0) -> None:
-        """Until the function body is true. Playwright's own waiting evaluates text, which the page forbids."""
+        """Until the function body is true. Playwright's own waiting evaluates text: forbidden."""
         deadline = time.monotonic() + seconds
         while not self.run(body):
             assert time.monotonic() < deadline, body
@@ -73,7 +73,7 @@ class Tab:
         self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def close(self) -> None:
-        """End the page; it must have asked for nothing but itself, and had nothing to complain of."""
+        """End the page; it must have asked for nothing but itself, and have complained of nothing."""
         self.context.close()
         assert [url for url in self.asked[1:] if not url.startswith("data:")] == []
         assert self.said == []

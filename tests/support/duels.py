@@ -19,7 +19,7 @@ RULES = Rules(
 
 
 def duel(steps: int = 100, cause: Cause = Cause.INTERCEPT, seed: int = 0) -> Trajectory:
-    """The attacker flies from (0, 0) towards the target, the defender from (0, 5) to meet it; both turn."""
+    """The attacker flies from (0, 0), the defender from (0, 5) to meet it; both turn."""
     rng = np.random.default_rng(seed)
     time = CONTROL_DT * np.arange(steps + 1)
     share = (time / max(time[-1], CONTROL_DT))[:, None]

@@ -1,9 +1,9 @@
 /**
- * Build the replay page's script from `src/` into the Python package, minified and the same at every time.
+ * Build the replay page's script from `src/` into the Python package, always to the same bytes.
  *
  *   npm install && npm run build
  *
- * The banner names the sources by their sha256, so that a test can tell whether the built file is theirs
+ * The banner names the sources by their sha256, so that a test can tell whether the file is theirs
  * (`tests/report/test_replay_build.py` computes the same digest).
  */
 import { createHash } from "node:crypto";

@@ -35,12 +35,14 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Addresses of a page with one fight, of four with hostile names, of a document with two cells."""
+    """Addresses of pages: one fight, four with hostile names, an attacker alone, two cells."""
     folder = tmp_path_factory.mktemp("pages")
     one, four = (Replay(name, "about", tuple(fights(count, 100, name)), RULES)
                  for name, count in (("one", 1), (HOSTILE, 4)))  # fmt: skip
     one.save(folder / "one.html")
     four.save(folder / "four.html")
+    alone = Replay("alone", "", one.fights, RULES._replace(alone=True))
+    alone.save(folder / "alone.html")
     cells = f"<body style='margin: 0'>{one._repr_html_()}<p>between</p>{four._repr_html_()}</body>"
     (folder / "cells.html").write_text(f"<!doctype html><meta charset=utf-8><link rel=icon href=data:,>{cells}")
     return {path.stem: path.as_uri() for path in folder.iterdir()}
@@ -138,6 +140,17 @@ def test_a_fight_of_many_is_enlarged_and_followed(browser: Any, pages: dict[str,
     tab.close()
 
 
+def test_a_followed_drone_hides_what_is_behind_it(browser: Any, pages: dict[str, str]):
+    """From behind, its canopy is 6 cm above its centre: 16 pixels, at 3.1 m; the sky is blue, it is orange."""
+    tab = Tab(browser, pages["one"], WIDE)
+    tab.page.keyboard.press("a")
+    tab.settle()
+    x, y = tab.run(LOCATE, [0, 1, 0.0])
+    red, _, blue = picture(tab, (x, y - 14), half=3).mean(axis=(0, 1))
+    assert red > blue + 80
+    tab.close()
+
+
 def test_the_mouse_turns_and_zooms_the_view(browser: Any, pages: dict[str, str]):
     tab = Tab(browser, pages["one"], WIDE)
     view = lambda: tab.run("const { yaw, pitch, zoom } = replay.stage.rig.view; return [yaw, pitch, zoom]")
@@ -204,6 +217,19 @@ def test_two_cells_of_a_notebook_do_not_meet(browser: Any, pages: dict[str, str]
         assert picture(tab, centre, half=80).std() > 8
     tab.page.keyboard.press("Home")  # nobody has the focus: the notebook's key
     assert tab.page.evaluate(f"{hosts}[0].replay.clock.time") == 0.5
+    tab.close()
+
+
+def test_an_attacker_that_flies_alone(browser: Any, pages: dict[str, str]):
+    tab = Tab(browser, pages["alone"], WIDE)
+    tab.run("replay.clock.seek(1.0)")
+    tab.settle()
+    assert not tab.page.get_by_role("button", name="Defender", exact=True).is_visible()
+    assert not tab.page.locator("section.defender").is_visible()
+    assert tab.page.locator(".between .number").first.inner_text() == "\u2013"  # nobody is apart
+    tab.page.keyboard.press("d")
+    assert tab.run("return replay.stage.rig.followed") is None  # there is no defender to follow
+    assert picture(tab, tab.run(LOCATE, [0, 1, 1.0])).std() > 12
     tab.close()
 
 

@@ -44,7 +44,6 @@ def test_the_licence_of_what_is_inside_is_beside_it_and_in_it():
     assert licence in script() and f"three.js {PACKAGE['devDependencies']['three']}" in script()
 
 
-@pytest.mark.slow
 def test_a_new_build_is_the_same_to_the_byte(tmp_path):
     installed = VIEWER / "node_modules" / "three" / "package.json"
     if not shutil.which("node"):

@@ -1,5 +1,5 @@
 /**
- * Where the camera stands: an overview that holds the whole fight, or behind a drone that it follows.
+ * Where the camera stands: an overview of the whole fight, or behind a drone that it follows.
  * Both are turned, zoomed and moved by hand. All fights of a page share one view.
  */
 import { PerspectiveCamera, Vector3 } from "three";
@@ -89,8 +89,8 @@ export class Rig {
 
 /**
  * The point to look at and how far back to stand, so that all `points` are just inside the picture.
- * For each pair of opposite edges: with r across, d towards the camera and t the tangent of half the
- * angle, r0 + t D >= r + t d and t D - r0 >= t d - r for all points; both are met with equality.
+ * For each pair of opposite edges: with r across, d towards the camera and t the tangent of half
+ * the angle, r0 + t D >= r + t d and t D - r0 >= t d - r for all points; both are met with equality.
  */
 function fit(points, back, aspect) {
   const right = new Vector3(0, 0, 1).cross(back).normalize();

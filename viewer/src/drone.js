@@ -1,6 +1,6 @@
 /**
- * A Crazyflie from primitives, as in `mjcf/crazyflie.xml`: sizes in m, nose along +x, left +y, up +z.
- * MuJoCo gives half sizes, three.js wants whole ones. The arms have the team's colour, to tell it from any side.
+ * A Crazyflie from primitives, as in `mjcf/crazyflie.xml`: sizes in m, nose along +x, up +z.
+ * MuJoCo gives half sizes, three.js wants whole ones. The arms have the team's colour.
  */
 import {
   BoxGeometry,
@@ -86,7 +86,7 @@ class Drone {
     });
   }
 
-  /** `turned`: rad that the rotors have turned since the start; `running`: whether they turn at all. */
+  /** `turned`: rad that the rotors have turned since the start; `running`: whether they do. */
   place(position, attitude, scale, turned, running) {
     this.group.position.fromArray(position);
     this.group.quaternion.fromArray(attitude);

@@ -1,5 +1,5 @@
 /**
- * One fight as Python wrote it (`report/replay.py`), unpacked, and where its drones are at any time.
+ * One fight as Python wrote it (`report/replay_data.py`), and where its drones are at any time.
  * Units: m, m/s, s; world frame with z up; quaternions wxyz, body to world. Nothing is drawn here.
  */
 
@@ -77,7 +77,7 @@ export class Flight {
     return this.mixed(drone, time, VELOCITY, 3);
   }
 
-  /** The action in force at `time`, in [-1, 1]: thrust and three moments. It holds for a whole step. */
+  /** The action in force at `time`, in [-1, 1]: thrust, three moments. It holds for a step. */
   action(drone, time) {
     const [index, share] = this.at(time);
     const from = this.offset(share === 1 ? index + 1 : index, drone) + ACTION;

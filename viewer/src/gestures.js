@@ -3,7 +3,7 @@
 const TURN = 0.0075; // rad a pixel
 const STILL = 6; // pixels that a click may wander
 
-/** Listen on `grid`; `rig` is moved, `onMove()` called after it, `onOpen(index)` for a click on a fight. */
+/** Moves `rig`, calls `onMove()` after that, and `onOpen(index)` for a click on a fight. */
 export class Gestures {
   constructor(grid, rig, { onMove, onOpen, mayZoom }) {
     Object.assign(this, { grid, rig, onMove, onOpen, mayZoom });

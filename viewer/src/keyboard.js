@@ -20,7 +20,7 @@ export const GESTURES = [
   ["Click or tap a fight", "enlarge it"],
 ];
 
-/** Listen on `target`; `acts`: what the keys do, see `page.js`. Returns a function that stops listening. */
+/** Listen on `target`; `acts`: what keys do, see `page.js`. Returns a function that ends it. */
 export function listen(target, acts) {
   const table = {
     " ": acts.play,

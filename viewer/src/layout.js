@@ -5,11 +5,13 @@ import { GESTURES, KEYS } from "./keyboard.js";
 
 const ICONS = {
   theme: "M12 3a9 9 0 1 0 0 18V3zm0-2a11 11 0 1 1 0 22 11 11 0 0 1 0-22z",
-  help: "M11 17h2v2h-2zm1-12a4 4 0 0 0-4 4h2a2 2 0 1 1 3.3 1.5C12 11.6 11 12.4 11 15h2c0-1.8.8-2.2 2-3.2A4 4 0 0 0 12 5z",
+  help:
+    "M11 17h2v2h-2zm1-12a4 4 0 0 0-4 4h2a2 2 0 1 1 3.3 1.5C12 11.6 11 12.4 11 15h2" +
+    "c0-1.8.8-2.2 2-3.2A4 4 0 0 0 12 5z",
 };
 export const NO_WEBGL =
-  "This browser gives no WebGL, so the fights cannot be drawn here. Switch hardware acceleration on, or open " +
-  "the page in another browser. The results and the numbers are below all the same.";
+  "This browser gives no WebGL, so the fights cannot be drawn here. Switch hardware acceleration " +
+  "on, or open the page in another browser. Results and numbers are below all the same.";
 export const LOST =
   "The browser has taken the graphics away from this page. Load it again to see the fights.";
 
@@ -43,7 +45,7 @@ export function frame(data, parts, acts) {
   return { root, canvas, message, tally, size, help };
 }
 
-/** The results as a list, for who cannot see the pictures; `onOpen(index)`: a fight's numbers are wanted. */
+/** The results as a list, where no picture is; `onOpen(index)`: a fight's numbers are wanted. */
 export function resultList(flights, onOpen) {
   const row = ({ name, result }, index) => {
     const open = element("button", {

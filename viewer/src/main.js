@@ -1,6 +1,6 @@
 /**
- * The entry of the built script: `dronecombatReplay(id, data, options)` fills the element with that id.
- * A notebook may run the script before it has put the element into its document: then it is waited for.
+ * The entry of the built script: `dronecombatReplay(id, data, options)` fills the element of that
+ * id. A notebook may run the script before the element is in its document: then it is waited for.
  */
 import { Page } from "./page.js";
 
@@ -17,7 +17,7 @@ function dronecombatReplay(id, data, { embedded = false } = {}) {
   attempt();
 }
 
-dronecombatReplay.sources = SOURCES; // their sha256: a notebook runs the script once for all of its cells
+dronecombatReplay.sources = SOURCES; // their sha256: a notebook runs the script once
 globalThis.dronecombatReplay = dronecombatReplay;
 
 /** Put the replay in the place of the element's text, or tell there why not. */

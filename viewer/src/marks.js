@@ -1,4 +1,4 @@
-/** What is drawn around the drones: bubbles of the rules' radii, plumb lines, the target, pulses at events. */
+/** What is drawn around the drones: the rules' radii, plumb lines, the target, events. */
 import {
   CircleGeometry,
   Color,
@@ -14,6 +14,7 @@ import {
 const SPHERE = new SphereGeometry(1, 40, 24);
 const DOT = new CircleGeometry(1, 32);
 const POLE = new CylinderGeometry(1, 1, 1, 6).rotateX(Math.PI / 2);
+const THIN = 0.001; // of the distance, the radius of a plumb line
 const FOOT = new RingGeometry(0.94, 1, 56);
 
 const BUBBLE_VERTEX = `
@@ -65,10 +66,11 @@ export class Plumb {
     for (const mesh of this.meshes) mesh.renderOrder = 2;
   }
 
-  place([x, y, z], scale) {
+  /** `scale`: of the drone; `far`: m to the camera, so that the line keeps its width. */
+  place([x, y, z], scale, far) {
     const height = Math.max(z, 0.001);
     this.line.position.set(x, y, height / 2);
-    this.line.scale.set(0.009, 0.009, height);
+    this.line.scale.set(THIN * far, THIN * far, height);
     this.shadow.position.set(x, y, 0.004);
     this.shadow.scale.setScalar(0.075 * scale * (1 + 0.25 * height));
     this.shadow.material.opacity = 0.32 / (1 + 0.5 * height);

@@ -10,7 +10,7 @@ const IDLE = 0.15; // share of full thrust at which rotors turn at least
 const TURNS = [2, 9]; // rotations a second without and with full thrust, slow enough for the eye
 
 export class Model {
-  /** `hangars` by role; `size`: uniform, the picture's size in pixels; `colour(name)`: of the theme. */
+  /** `hangars` by role; `size`: uniform, of the picture in pixels; `colour(name)`: the theme's. */
   constructor(flight, hangars, rules, size, colour) {
     this.flight = flight;
     this.group = new Group();
@@ -31,8 +31,11 @@ export class Model {
     for (const pulse of this.pulses) this.group.add(...pulse.meshes);
   }
 
-  /** `time` may lie after the end: the drones then stay where they are, and events fade in `fade` s. */
-  show(time, trueSize, pixelRatio, fade) {
+  /**
+   * `time` may lie after the end: the drones then stay where they are, and events fade in `fade` s.
+   * `far`: m from the camera to what it looks at.
+   */
+  show(time, { trueSize, pixelRatio, fade, far }) {
     const { flight } = this;
     const now = Math.min(time, flight.end);
     const scale = trueSize ? 1 : ENLARGEMENT;
@@ -42,7 +45,7 @@ export class Model {
       const turn = turned[index] + share * ((turned[index + 1] ?? turned[index]) - turned[index]);
       body.place(position, flight.attitude(role, now), scale, turn, !flight.down(role, now));
       trail.show(now, pixelRatio);
-      plumb.place(position, scale);
+      plumb.place(position, scale, far);
     }
     if (this.guard) {
       this.guard.position.fromArray(flight.position(DEFENDER, now));

@@ -1,4 +1,4 @@
-/** One replay on a page: puts the parts together and says what every button, key and gesture does. */
+/** One replay on a page: puts the parts together and says what buttons, keys and gestures do. */
 import { Clock } from "./clock.js";
 import { Controls } from "./controls.js";
 import { Flight, ROLES } from "./flight.js";
@@ -13,10 +13,10 @@ import { Tiles } from "./tiles.js";
 import { Timeline } from "./timeline.js";
 import { write } from "./dom.js";
 
-const GONE = 3000; // ms after which a page that was taken out of its document gives its graphics back
+const GONE = 3000; // ms after which a page that left its document gives its graphics back
 
 export class Page {
-  /** `host`: an empty element; `data`: as `report/replay.py` writes it; `embedded`: in a notebook. */
+  /** `host`: an empty element; `data`: of `report/replay_data.py`; `embedded`: in a notebook. */
   constructor(host, data, embedded) {
     this.host = host;
     this.embedded = embedded;
@@ -126,7 +126,8 @@ export class Page {
   }
 
   follow(role) {
-    if (!this.stage) return;
+    const flies = role === null || this.flights.some(({ drones }) => drones.includes(role));
+    if (!this.stage || !flies) return;
     this.stage.rig.followed = role;
     this.touch();
   }

@@ -61,8 +61,10 @@ export class Stage {
       this.models.forEach((model, other) => {
         model.group.visible = other === index;
       });
-      this.models[index].show(time, this.trueSize, ratio, fade);
-      renderer.render(this.world.scene, this.cameraFor(index, time, width / height));
+      const camera = this.cameraFor(index, time, width / height);
+      const { trueSize, rig } = this;
+      this.models[index].show(time, { trueSize, pixelRatio: ratio, fade, far: rig.distance });
+      renderer.render(this.world.scene, camera);
     }
   }
 

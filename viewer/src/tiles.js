@@ -1,4 +1,4 @@
-/** The grid of fights: a transparent part of the page over each picture, with its name and its outcome. */
+/** The grid of fights: over each picture a transparent tile with its name and its outcome. */
 import { DEFENDER } from "./flight.js";
 import { element, icon, seconds, write } from "./dom.js";
 

@@ -1,4 +1,4 @@
-/** The time bar: a slider over a chart of distances (one fight) or of the fights' ends (all of them). */
+/** The time bar: a slider over a chart of distances (one fight) or of all fights' ends. */
 import { DEFENDER } from "./flight.js";
 import { element, seconds, svg } from "./dom.js";
 

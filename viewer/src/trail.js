@@ -1,6 +1,6 @@
 /**
- * Trails: a path as a band of constant width on the screen. The whole path lies in the geometry, with
- * the time of each point; the shader shows what has been flown by `now`. Nothing is rebuilt while playing.
+ * Trails: a path as a band of constant width on the screen. The whole path lies in the geometry,
+ * with the time of each point; the shader shows what has been flown by `now`.
  */
 import { BufferAttribute, BufferGeometry, Mesh, ShaderMaterial } from "three";
 
@@ -46,7 +46,7 @@ void main() {
 export const TRAIL_WIDTH = 3.2; // CSS pixels to either side, its soft edge among them
 
 export class Trail {
-  /** `path`: [x, y, z, ...] m; `times`: s of each point; `size`: uniform, the picture's size in pixels. */
+  /** `path`: [x, y, z, ...] m; `times`: s of each point; `size`: uniform, the picture's in pixels. */
   constructor(path, times, colour, size) {
     this.geometry = band(path, times);
     const fade = Math.max(0.6 * times.at(-1), 0.1); // s in which a trail pales

@@ -48,7 +48,8 @@ float stroke(float from, float blur, float width) {
 void main() {
   vec2 blur = fwidth(vPlace);
   vec2 from = abs(fract(vPlace - 0.5) - 0.5);
-  vec2 grid = vec2(stroke(from.x, blur.x, 0.006 + 0.5 * blur.x), stroke(from.y, blur.y, 0.006 + 0.5 * blur.y));
+  vec2 width = 0.006 + 0.5 * blur;
+  vec2 grid = vec2(stroke(from.x, blur.x, width.x), stroke(from.y, blur.y, width.y));
   grid *= 1.0 - smoothstep(0.12, 0.45, blur);
   float far = max(abs(vPlace.x), abs(vPlace.y)) - halfWidth;
   float soft = max(blur.x, blur.y);
@@ -66,6 +67,7 @@ export class World {
     this.scene = new Scene();
     this.colours = {};
     this.sky = shaded(2, SKY_VERTEX, SKY_FRAGMENT, this.uniforms(["zenith", "horizon"]));
+    this.sky.material.transparent = false; // drawn before all that is solid, not after it
     this.sky.material.depthTest = false;
     this.sky.renderOrder = -2;
     const floor = this.uniforms(["inside", "outside", "lines", "border"]);

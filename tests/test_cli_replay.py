@@ -66,5 +66,5 @@ def test_mistakes_are_named_before_anything_is_read(asked: list, args: str, mess
 
 def test_help_has_an_example(capsys):
     assert cli.main(["replay", "--help"]) == 0
-    told = " ".join(capsys.readouterr().out.split())
-    assert "dronecombat replay ippo --evolution" in told.replace("│ ", "") and "--fights" in told
+    text = " ".join(capsys.readouterr().out.split())
+    assert "dronecombat replay ippo --evolution" in text.replace("│ ", "") and "--fights" in text

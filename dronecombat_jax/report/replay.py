@@ -141,7 +141,7 @@ def _fly(
     say(f"flying {_counted(filming.fights)}: {title}")
     flown = recorder(combat, filming)(*crew.flyers)
     labels = _labels(crew.flyers)
-    fights = tuple(Fight(one, f"Fight {index + 1}", labels) for index, one in enumerate(flown))
+    fights = tuple(Fight(fight, f"Fight {index + 1}", labels) for index, fight in enumerate(flown))
     return Replay(title, _about(filming, len(fights)), fights, rules)
 
 

@@ -61,9 +61,9 @@ def script() -> str:
 
 def sources() -> str:
     """sha256 in hex of the sources that the script says it was built from."""
-    found = re.search(r"^sources sha256 ([0-9a-f]{64})$", script()[:1000], re.MULTILINE)
-    assert found, f"{SCRIPT}: not built by viewer/build.mjs"
-    return found[1]
+    line = re.search(r"^sources sha256 ([0-9a-f]{64})$", script()[:1000], re.MULTILINE)
+    assert line, f"{SCRIPT}: not built by viewer/build.mjs"
+    return line[1]
 
 
 def _call(name: str, data: dict[str, Any], embedded: bool) -> str:

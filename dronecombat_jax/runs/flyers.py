@@ -156,15 +156,15 @@ def _stands_alone(word: str) -> bool:
 
 def _player(word: str) -> tuple[int, Flyer, Config | None]:
     """A policy file or scripted:NAME, and the game that the file knows."""
-    found = find(word)
-    if len(found.contenders) != 1:
+    named = find(word)
+    if len(named.contenders) != 1:
         raise UserError(f"{one_line(word)}: name one pilot, not all of them")
-    role, entrant, player, met = found.contenders[0]
+    role, entrant, player, met = named.contenders[0]
     assert player is not None  # only checkpoints of runs go missing
     label = f"{entrant.label} (scripted)" if isinstance(player.pilot, str) else entrant.label
     learn = LearnConfig(normalize_observations=player.normalize)
     flyer = Flyer(label, player.pilot, learn, player.identity, met, entrant.chunk, entrant.steps)
-    return role, flyer, found.config
+    return role, flyer, named.config
 
 
 def _wanted(named: Named, role: int, run: RunDirectory | None) -> Flyer:

@@ -53,17 +53,17 @@ def recorder(combat: Combat, filming: Filming) -> Record:
         act = partial(_pilot, combat, filming.stochastic)
         each = [act(role, *given) for role, given in enumerate(zip(kinds, pilots, strict=True))]
 
-        def one(start: EnvState, episode: jax.Array) -> FightRecord:
+        def fly_one(start: EnvState, episode: jax.Array) -> FightRecord:
             alone = jax.tree.map(lambda leaf: leaf[None], start)
             return record(combat, each[0], each[1], alone, fight_key(seed, words, episode))
 
-        return jax.vmap(one)(starts, jnp.arange(filming.fights))
+        return jax.vmap(fly_one)(starts, jnp.arange(filming.fights))
 
     def call(defender: Flyer, attacker: Flyer) -> list[Trajectory]:
         both = (defender, attacker)
-        kinds = tuple(one.pilot if isinstance(one.pilot, str) else one.learn for one in both)
-        pilots = tuple(None if isinstance(one.pilot, str) else one.pilot for one in both)
-        words = np.concatenate([content_words(one.identity) for one in both])
+        kinds = tuple(flyer.pilot if isinstance(flyer.pilot, str) else flyer.learn for flyer in both)
+        pilots = tuple(None if isinstance(flyer.pilot, str) else flyer.pilot for flyer in both)
+        words = np.concatenate([content_words(flyer.identity) for flyer in both])
         fights = _joined(jax.device_get(fly(kinds, pilots, words)))
         return [trajectory(combat, fights, index) for index in range(filming.fights)]
 

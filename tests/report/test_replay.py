@@ -26,14 +26,14 @@ def toy_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return write_run(tmp_path / "runs" / "toy", chunks=2)
 
 
-def told(path: Path) -> dict:
+def data_in(path: Path) -> dict:
     (call,) = re.findall(r'^dronecombatReplay\("replay", (.*), \{"embedded"', path.read_text(), re.MULTILINE)
     return json.loads(call)
 
 
 def test_the_last_runs_fights_on_one_page(toy_run: Path, capsys: pytest.CaptureFixture[str]):
     assert room.replay(Named(), Filming(3, seed=5), out=None) == 0
-    page = told(toy_run / "replay.html")
+    page = data_in(toy_run / "replay.html")
     assert [fight["name"] for fight in page["fights"]] == ["Fight 1", "Fight 2", "Fight 3"]
     assert {(fight["defender"], fight["attacker"]) for fight in page["fights"]} == {("toy chunk 2", "toy chunk 2")}
     assert page["title"] == "toy chunk 2, both sides" and page["about"] == "3 fights, starts of seed 5, mean actions"
@@ -43,7 +43,7 @@ def test_the_last_runs_fights_on_one_page(toy_run: Path, capsys: pytest.CaptureF
 
 def test_an_evolution_is_one_start_flown_by_all_chunks(toy_run: Path):
     assert room.replay(Named(("toy",)), Filming(4), out=None, evolution=True) == 0
-    fights = told(toy_run / "evolution.html")["fights"]
+    fights = data_in(toy_run / "evolution.html")["fights"]
     assert [fight["name"] for fight in fights] == ["0 %", "50 %", "100 %"]
     assert [fight["note"] for fight in fights] == ["chunk 0, untrained", "chunk 1, 0 k steps", "chunk 2, 0 k steps"]
     assert len({tuple(fight["target"]) for fight in fights}) == 1
@@ -52,7 +52,7 @@ def test_an_evolution_is_one_start_flown_by_all_chunks(toy_run: Path):
 
 def test_one_side_of_an_evolution_may_stay(toy_run: Path):
     room.replay(Named(("toy",), ("hover", "")), Filming(), out=Path("hover.html"), evolution=True)
-    page = told(Path("hover.html"))
+    page = data_in(Path("hover.html"))
     assert {fight["defender"] for fight in page["fights"]} == {"hover (scripted)"}
     assert "defender always hover (scripted)" in page["about"]
 
@@ -83,7 +83,7 @@ def test_a_film_is_of_the_pages_first_fight(monkeypatch: pytest.MonkeyPatch, cap
     room.replay(Named(("toy",)), Filming(3), out=Path("fight.gif"))
     ((fight, picture, film, radii),) = filmed
     room.replay(Named(("toy",)), Filming(3), out=Path("page.html"))
-    first = told(Path("page.html"))["fights"][0]
+    first = data_in(Path("page.html"))["fights"][0]
     assert (picture, film, radii) == (None, Path("fight.gif"), {"intercept_radius": 0.5, "reach_radius": 0.5})
     assert fight.target.tolist() == pytest.approx(first["target"]) and fight.time[-1] == first["result"]["time"]
 

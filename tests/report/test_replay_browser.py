@@ -37,13 +37,13 @@ def browser() -> Iterator[Any]:
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Addresses of pages: one fight, four with hostile names, an attacker alone, two cells."""
     folder = tmp_path_factory.mktemp("pages")
-    one, four = (Replay(name, "about", tuple(fights(count, 100, name)), RULES)
+    single, four = (Replay(name, "about", tuple(fights(count, 100, name)), RULES)
                  for name, count in (("one", 1), (HOSTILE, 4)))  # fmt: skip
-    one.save(folder / "one.html")
+    single.save(folder / "one.html")
     four.save(folder / "four.html")
-    alone = Replay("alone", "", one.fights, RULES._replace(alone=True))
+    alone = Replay("alone", "", single.fights, RULES._replace(alone=True))
     alone.save(folder / "alone.html")
-    cells = f"<body style='margin: 0'>{one._repr_html_()}<p>between</p>{four._repr_html_()}</body>"
+    cells = f"<body style='margin: 0'>{single._repr_html_()}<p>between</p>{four._repr_html_()}</body>"
     (folder / "cells.html").write_text(f"<!doctype html><meta charset=utf-8><link rel=icon href=data:,>{cells}")
     return {path.stem: path.as_uri() for path in folder.iterdir()}
 

@@ -15,7 +15,7 @@ from dronecombat_jax.types import Cause, Outcome
 
 
 def data_of(*trajectories, rules=RULES) -> list[dict]:
-    shown = [Fight(one, "one", ("d", "a")) for one in trajectories]
+    shown = [Fight(flown, "fight", ("d", "a")) for flown in trajectories]
     return replay_data("title", "about", shown, rules)["fights"]
 
 
@@ -41,11 +41,11 @@ def test_states_survive_packing_to_a_fraction_of_a_millimetre():
 @pytest.mark.parametrize(("count", "steps", "every"), [(1, 8191, 1), (1, 8192, 2), (16, 500, 1), (16, 30_000, 59)])
 def test_long_fights_are_thinned_out_and_keep_their_end(count: int, steps: int, every: int):
     """16 fights may keep 512 states each: of 30,001 every 59th are 509, and the last."""
-    told = replay_data("", "", fights(count, steps), RULES)["fights"]
-    assert all(fight["dt"] == pytest.approx(every * CONTROL_DT) for fight in told)
-    assert sum(fight["frames"] for fight in told) <= MOST_STATES
-    assert unpacked(told[0])[-1, 1, :3] == pytest.approx(fights(1, steps)[0].trajectory.qpos[-1, 7:10], abs=1e-3)
-    assert told[0]["result"]["time"] == pytest.approx(steps * CONTROL_DT)
+    thinned = replay_data("", "", fights(count, steps), RULES)["fights"]
+    assert all(fight["dt"] == pytest.approx(every * CONTROL_DT) for fight in thinned)
+    assert sum(fight["frames"] for fight in thinned) <= MOST_STATES
+    assert unpacked(thinned[0])[-1, 1, :3] == pytest.approx(fights(1, steps)[0].trajectory.qpos[-1, 7:10], abs=1e-3)
+    assert thinned[0]["result"]["time"] == pytest.approx(steps * CONTROL_DT)
 
 
 def test_a_diverged_flight_is_shown_up_to_its_last_number():
@@ -89,12 +89,12 @@ def test_an_absent_defender_has_no_events():
 def test_every_end_is_one_sentence_that_names_the_winner():
     """The winner of every cause by the rules of the game, not by the page."""
     winners = outcome_table(GameConfig(timeout_rule="defender"))
-    told = {cause.name: verdict(cause, winners[cause], 1.5) for cause in Cause}
+    sentences = {cause.name: verdict(cause, winners[cause], 1.5) for cause in Cause}
     begins = {Outcome.DEFENDER: "Defender wins: ", Outcome.ATTACKER: "Attacker wins: ", Outcome.DRAW: "Nobody wins: "}
-    assert told.pop("NONE") == "No result: the fight was cut short"
-    assert all(text.startswith(begins[winners[Cause[name]]]) for name, text in told.items())
-    assert told["INTERCEPT"] == "Defender wins: it intercepts the attacker after 1.50\u00a0s"
-    assert told["TIMEOUT"].startswith("Defender wins: time runs out")
+    assert sentences.pop("NONE") == "No result: the fight was cut short"
+    assert all(text.startswith(begins[winners[Cause[name]]]) for name, text in sentences.items())
+    assert sentences["INTERCEPT"] == "Defender wins: it intercepts the attacker after 1.50\u00a0s"
+    assert sentences["TIMEOUT"].startswith("Defender wins: time runs out")
     assert verdict(Cause.TIMEOUT, Outcome.DRAW, 4.0).startswith("Nobody wins: time runs out")
 
 

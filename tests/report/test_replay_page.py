@@ -31,7 +31,7 @@ class Elements(HTMLParser):
         self.tags.append((tag, dict(attrs)))
 
 
-def told(text: str) -> dict:
+def data_in(text: str) -> dict:
     """What a page hands to its script."""
     (call,) = re.findall(r'^dronecombatReplay\("[^"]+", (.*), \{"embedded": \w+\}\);', text, re.MULTILINE)
     return json.loads(call)
@@ -50,8 +50,8 @@ def test_names_are_harmless_and_arrive_as_they_are():
     shown = Replay(HOSTILE, HOSTILE, (Fight(*fight),), RULES)
     for text in (shown.page(), shown._repr_html_()):
         assert [tag for tag, _ in Elements(text).tags].count("script") == 1
-        assert told(text)["title"] == HOSTILE
-        assert told(text)["fights"][0]["name"] == HOSTILE.replace("\u2028", "?")
+        assert data_in(text)["title"] == HOSTILE
+        assert data_in(text)["fights"][0]["name"] == HOSTILE.replace("\u2028", "?")
     assert html.escape(HOSTILE) in shown.page()
 
 
@@ -86,7 +86,7 @@ def test_the_height_of_a_cell():
 
 def test_the_page_is_saved_whole_or_not_at_all(tmp_path):
     path = replay().save(tmp_path / "new" / "fight.html")
-    assert path.read_text() == replay().page() == page(told(path.read_text()))
+    assert path.read_text() == replay().page() == page(data_in(path.read_text()))
     with pytest.raises(Exception, match="cannot write"):
         replay().save(path / "below.html")
     assert [file.name for file in path.parent.iterdir()] == ["fight.html"]

@@ -31,8 +31,8 @@ def test_a_fight_is_that_of_a_tournament_however_many_are_recorded(combat: Coast
     """By `match.fight` of that fight alone, with the key that gives a tournament's draws."""
     two, three = (recorder(combat, Filming(count, 7, stochastic=True))(*POLICIES) for count in (2, 3))
     starts = start_states(combat, 7, 3)
-    words = np.concatenate([content_words(one.identity) for one in POLICIES])
-    pilots = [policy_pilot(LEARN, one.pilot, role, stochastic=True) for role, one in enumerate(POLICIES)]
+    words = np.concatenate([content_words(flyer.identity) for flyer in POLICIES])
+    pilots = [policy_pilot(LEARN, flyer.pilot, role, True) for role, flyer in enumerate(POLICIES)]
     alone = jax.jit(partial(fight, combat, *pilots))
     for episode, flown in enumerate(three):
         start = jax.tree.map(lambda leaf, e=episode: leaf[e : e + 1], starts)

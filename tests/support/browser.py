@@ -58,8 +58,8 @@ class Tab:
 
     def run(self, body: str, argument: Any = None) -> Any:
         """The value of a JavaScript function body; `it` is the argument, `replay` the page's."""
-        found = "const replay = document.querySelector('#replay, [id^=dronecombat]').replay;"
-        return self.page.evaluate(f"(it) => {{ {found} {body} }}", argument)
+        replay = "const replay = document.querySelector('#replay, [id^=dronecombat]').replay;"
+        return self.page.evaluate(f"(it) => {{ {replay} {body} }}", argument)
 
     def wait(self, body: str, seconds: float = 60.0) -> None:
         """Until the function body is true. Playwright's own waiting evaluates text: forbidden."""

@@ -108,7 +108,7 @@ function fit(points, back, aspect) {
     }
     return { axis, middle: (above - below) / 2, far: (above + below) / (2 * tangent) };
   });
-  const far = Math.max(...axes.map((one) => one.far));
+  const far = Math.max(...axes.map((axis) => axis.far));
   const pivot = new Vector3();
   for (const { axis, middle } of axes) pivot.addScaledVector(axis, middle);
   const depth = points.reduce((sum, point) => sum + point.dot(back), 0) / points.length;

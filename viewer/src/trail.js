@@ -18,8 +18,8 @@ vec3 ground(vec3 point) { return mix(point, vec3(point.xy, height), flat_); }
 void main() {
   mat4 view = projectionMatrix * modelViewMatrix;
   vec4 here = view * vec4(ground(position), 1.0);
-  vec4 there = view * vec4(ground(position + ahead), 1.0);
-  vec2 along = (there.xy / there.w - here.xy / here.w) * size;
+  vec4 next = view * vec4(ground(position + ahead), 1.0);
+  vec2 along = (next.xy / next.w - here.xy / here.w) * size;
   along = length(along) > 1e-6 ? normalize(along) : vec2(1.0, 0.0);
   here.xy += side * width * vec2(-along.y, along.x) / size * here.w;
   vSide = side;

@@ -43,10 +43,13 @@ class TrainFlags(Config):
 
 @dataclass(frozen=True)
 class EvaluateFlags:
-    """Let the two policies of a run fight and count who wins, how and when."""
+    """Let the two policies of a run fight and count who wins, how and when.
+
+    The run's own evaluation is evaluation.json; with other options it is a file beside that.
+    """
 
     run: str = setting("", "the run: its folder, or its name in runs/")
-    fights: int = setting(256, "number of fights", low=1, high=10**6)
+    fights: int = setting(0, "number of fights; 0: run.evaluation_fights", low=0, high=10**6)
     chunk: int = setting(-1, "which checkpoint, counted from the untrained one; -1: the newest", low=-1, high=10**9)
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
     stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
@@ -154,7 +157,7 @@ def train(args: Sequence[str]) -> int:
     if "fork" not in fork and fork:
         errors.append("--fork-chunk needs --fork NEW_NAME")
     try:
-        config = settings.load(preset, given, check_memory=True)
+        config = settings.load(preset, given, check_machine=True)
     except UserError as error:
         raise UserError("\n".join([*errors, error.message])) from None
     if errors:

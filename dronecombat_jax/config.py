@@ -163,6 +163,11 @@ class LearnConfig:
     bootstrap_timeout: bool = setting(
         True, "a time-out is worth the value of its final observation (false: an end, as for the authors)"
     )
+    inactive_steps: Literal["value", "none", "all"] = setting(
+        "value",
+        "who learns from the steps of a drone that is down, whose actions do nothing: the value function alone; "
+        "nobody; policy, value and statistics, as if it flew",
+    )
     normalize_observations: bool = setting(True, "running mean and variance of observations, clipped at 5")
     normalize_values: bool = setting(True, "running mean and variance of returns")
 
@@ -259,6 +264,11 @@ class RunConfig:
     )
     matmul_precision: Literal["default", "tensorfloat32", "float32"] = setting(
         "default", "of matrix products on a GPU or TPU (default: JAX's choice; a CPU always computes in float32)"
+    )
+    keep: str = setting(
+        "all",
+        'checkpoints that stay: all; "every N", those of every N-th chunk; "last N". The newest two always stay. '
+        "Tournaments play those that are there",
     )
     figures: bool = setting(True, "draw learning curves at the end")
     video: bool = setting(True, "render a picture and a short video of a fight at the end")

@@ -211,7 +211,7 @@ def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
     assert cli.main(["evaluate", "elsewhere", "--fights", "3", "--chunk", "0", "--seed", "9", "--stochastic"]) == 0
     assert rooms.calls == [
         ("prepare", "auto", 1),
-        ("evaluate", Path("runs/mine"), ("match", 256, 0, False, "", "", ""), None),
+        ("evaluate", Path("runs/mine"), ("match", 0, 0, False, "", "", ""), None),
         ("prepare", "auto", 1),
         ("evaluate", Path("elsewhere"), ("match", 3, 9, True, "", "", ""), 0),
     ]
@@ -220,7 +220,7 @@ def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
 def test_evaluate_puts_a_scripted_pilot_in_one_place(rooms, tmp_path):
     (tmp_path / "runs" / "mine").mkdir(parents=True)
     assert cli.main(["evaluate", "mine", "--attacker", "dash", "--spawn", "fixed"]) == 0
-    assert rooms.calls[1] == ("evaluate", Path("runs/mine"), ("match", 256, 0, False, "", "dash", "fixed"), None)
+    assert rooms.calls[1] == ("evaluate", Path("runs/mine"), ("match", 0, 0, False, "", "dash", "fixed"), None)
 
 
 @pytest.mark.parametrize(
@@ -230,8 +230,8 @@ def test_evaluate_puts_a_scripted_pilot_in_one_place(rooms, tmp_path):
         ("minr", EXIT_DATA, "minr: no such run; did you mean mine?"),
         ("zzzz", EXIT_DATA, "zzzz: no such run; runs there are: mine"),
         ("x" * 999, EXIT_DATA, "no such run"),
-        ("mine --fights 0", EXIT_CONFIG, "--fights 0: must be an integer from 1 to 1000000"),
-        ("mine --fights abc", EXIT_CONFIG, "--fights abc: must be an integer from 1 to 1000000"),
+        ("mine --fights -1", EXIT_CONFIG, "--fights -1: must be an integer from 0 to 1000000"),
+        ("mine --fights abc", EXIT_CONFIG, "--fights abc: must be an integer from 0 to 1000000"),
         ("mine --fight 3", EXIT_CONFIG, "--fight: unknown flag; did you mean --fights?"),
         ("mine other", EXIT_CONFIG, '"other": belongs to no flag'),
         ("mine\t", EXIT_CONFIG, "RUN: run = "),

@@ -24,10 +24,10 @@ def test_doctor_goes_on_after_a_broken_check(monkeypatch, capsys):
 
 def test_doctor_names_a_known_bad_jax_and_its_remedy(monkeypatch, capsys):
     def refused() -> None:
-        raise UserError("jax 0.10.2 cannot be used: wrong numbers. Fix: pip install jax==0.10.1")
+        raise UserError("jax 0.10.2 cannot be used: wrong numbers. Fix: pip install jax==0.9.2")
 
     monkeypatch.setattr(backend, "prepare", refused)
     assert doctor.doctor() == EXIT_CONFIG
     out = capsys.readouterr().out
     assert "jax          FAIL  jax 0.10.2 cannot be used: wrong numbers.\n" in out
-    assert "fix:  pip install jax==0.10.1\n" in out
+    assert "fix:  pip install jax==0.9.2\n" in out

@@ -134,6 +134,8 @@ class Combat:
             cause=cause,
             terminated=(cause != Cause.NONE) & ~truncated,
             truncated=truncated,
+            active=sane & ~state.out & ~invalid,
+            idle=sane & state.out,
         )
         return after, output
 

@@ -1,6 +1,5 @@
 """What a finished run leaves for a person: learning curves, an evaluation, a picture and a video of a fight."""
 
-import json
 from pathlib import Path
 
 import jax
@@ -13,7 +12,7 @@ from dronecombat_jax.report.figures import learning_curves
 from dronecombat_jax.report.replay import write_replay
 from dronecombat_jax.report.video import render_fight
 from dronecombat_jax.runs import metrics
-from dronecombat_jax.runs.evaluation import Match, SavedRun, evaluate, load_run, policies
+from dronecombat_jax.runs.evaluation import Match, SavedRun, evaluate, is_own, load_run, policies
 from dronecombat_jax.runs.rundir import RunDirectory
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, FightRecord, Policy, Trajectory
 
@@ -31,7 +30,7 @@ def finish(config: Config) -> None:
         return
     if config.run.figures:
         _draw_curves(run)
-    evaluate(run.path, Match(config.run.evaluation_fights))
+    evaluate(run.path, Match(), own_fights=config.run.evaluation_fights)
     if config.run.video:
         saved = load_run(run.path)
         fight = typical_fight(saved, 0)
@@ -75,7 +74,11 @@ def _is_finished(run: RunDirectory, config: Config) -> bool:
     if not all(path.is_file() for path in wanted):
         return False
     steps = config.num_chunks * config.steps_per_chunk
-    return all(result["steps"] == steps for result in json.loads(run.evaluation.read_text()))
+    try:
+        return is_own(run.evaluation, steps, config.train.num_seeds, config.run.evaluation_fights)
+    except UserError as error:
+        print(f"{error.message}; its fights are flown anew", flush=True)
+        return False
 
 
 def typical_fight(run: SavedRun, seed_index: int) -> Trajectory:

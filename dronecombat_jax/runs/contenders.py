@@ -106,15 +106,17 @@ def _config_of(info: PolicyInfo) -> Config:
 
 
 def _run(run: RunDirectory, every: int, untrained: bool) -> Found:
-    config = newest_start(run).config
-    steps = _chosen(run, config.train.chunk_iterations, every, untrained)
+    newest = newest_start(run)
+    config = newest.config
+    steps = _chosen(run, config, every, untrained)
     if not steps:
         message = f"{run.path}: no chunk of training is done yet"
         return Found([], config, (message,))
     contenders, bad = [], []
     for step in steps:
         try:
-            arrays, manifest = checkpoint.load(run.checkpoints, step)
+            saved = newest.manifest if step == newest.iteration else step  # which has been verified
+            arrays, manifest = checkpoint.load(run.checkpoints, saved)
             policies = _policies(arrays, run.checkpoints / str(step))
             met = manifest.meta.get("environment", environment(config))
         except CheckpointError as error:
@@ -128,13 +130,18 @@ def _run(run: RunDirectory, every: int, untrained: bool) -> Found:
     return Found(contenders, config, tuple(bad))
 
 
-def _chosen(run: RunDirectory, chunk_iterations: int, every: int, untrained: bool) -> list[int]:
-    """The steps to read: chunk ends from the first to the last that was saved, also those that are gone since."""
+def _chosen(run: RunDirectory, config: Config, every: int, untrained: bool) -> list[int]:
+    """The steps to read: chunk ends from the first to the last that was saved.
+
+    Also those that are gone since, unless the run keeps only some (`run.keep`).
+    """
+    chunk_iterations = config.train.chunk_iterations
     saved = [step // chunk_iterations for step in checkpoint.steps(run.checkpoints) if step % chunk_iterations == 0]
     saved = [chunk for chunk in saved if chunk > 0 or untrained]
     if not saved:
         return []
-    chunks = [chunk for chunk in range(saved[0], saved[-1] + 1) if chunk % every == 0 or chunk == saved[-1]]
+    there = range(saved[0], saved[-1] + 1) if config.run.keep == "all" else saved
+    chunks = [chunk for chunk in there if chunk % every == 0 or chunk == saved[-1]]
     return [chunk * chunk_iterations for chunk in chunks]
 
 

@@ -83,7 +83,9 @@ def forked_state(start: Start, config: Config, combat: "Combat") -> "TrainState"
         rate = np.full_like(state.learners.learning_rate, config.learn.learning_rate)
         state = state.replace(learners=state.learners.replace(learning_rate=rate))
     if any(key.startswith(("sim.", "game.")) for key in changed):
-        state = state.replace(env=_new_fights(combat, state))
+        env = _new_fights(combat, state)
+        flown = jax.tree.map(lambda leaf: np.zeros_like(leaf), state.flown)
+        state = state.replace(env=env, flown=flown)
     return state
 
 

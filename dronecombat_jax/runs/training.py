@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dronecombat_jax import processes, settings
+from dronecombat_jax import preflight, processes, settings
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED, UserError
 from dronecombat_jax.runs import fork
@@ -95,6 +95,8 @@ def _greet(run: RunDirectory, config: Config, start: Start | None) -> None:
         f"run {run.path}: {config.train.num_seeds} seed(s) x {planned:,} environment steps "
         f"({config.num_chunks} chunks of {config.steps_per_chunk:,}), {config.train.num_envs} environments"
     )
+    disk = preflight.estimated_disk_bytes(config)
+    print(f"disk: about {preflight.bytes_in_words(disk)} by its end (run.keep = {config.run.keep!r})", flush=True)
     if start is None:
         return
     done = f"{start.iteration * config.steps_per_iteration:,} environment steps per seed"

@@ -111,7 +111,7 @@ def test_a_browser_is_opened_only_where_there_is_a_display(display: str, opened:
 
 
 def test_a_finished_training_names_its_replay(toy_run: Path, monkeypatch, capsys: pytest.CaptureFixture[str]):
-    monkeypatch.setattr(finish, "evaluate", lambda *_: None)
+    monkeypatch.setattr(finish, "evaluate", lambda *_, **__: None)
     monkeypatch.setattr(room, "Filming", lambda: Filming(1))
     run = RunConfig(name="toy", directory=str(toy_run.parent), video=False, figures=False)
     finish.finish(replace(TOY, run=run))

@@ -113,8 +113,9 @@ def test_what_iterations_are_is_not_changed(parent, key, value):
 def test_a_run_that_is_there_is_gone_on_with_only_if_it_is_a_fork_of_this_one(parent, tmp_path):
     start = fork.fork_start(parent.run, None, parent.config)
     here = RunDirectory(tmp_path / "child")
-    fork.check_origin(here, start._replace(meta={"forked": fork.origin(parent.run, start)}), parent.run)
+    with_meta = lambda meta: start._replace(manifest=start.manifest._replace(meta=meta))
+    fork.check_origin(here, with_meta({"forked": fork.origin(parent.run, start)}), parent.run)
     for meta in ({}, {"forked": {"run": "another", "iteration": 4}}):
         with pytest.raises(UserError, match=r"is no fork of .*parent: choose another name") as caught:
-            fork.check_origin(here, start._replace(meta=meta), parent.run)
+            fork.check_origin(here, with_meta(meta), parent.run)
         assert caught.value.exit_code == EXIT_CONFIG

@@ -28,6 +28,12 @@ def write_run(path: Path, config: Config = TOY, chunks: int | range = 3, seed: i
     return path
 
 
+def newest(checkpoints: Path, **options: bool) -> int | None:
+    """The step of the newest checkpoint that verifies, or None."""
+    manifest = checkpoint.latest(checkpoints, **options)
+    return None if manifest is None else manifest.step
+
+
 def damage(path: Path, chunk: int, config: Config = TOY) -> None:
     """Flip a byte of a checkpoint's largest file."""
     folder = path / "checkpoints" / str(chunk * config.train.chunk_iterations)

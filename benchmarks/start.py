@@ -36,7 +36,7 @@ def first_line(preset: str, cache: Path, runs: Path, flags: tuple[str, ...] = ()
     `patience.Hung` where it hangs.
     """
     command = [sys.executable, "-m", "dronecombat_jax", "train", "--preset", preset, "--name", RUN]
-    command += ["--run.directory", str(runs), "--run.no-video", "--run.no-figures", *flags]
+    command += ["--run.directory", str(runs), "--run.no-video", "--run.no-replay", "--run.no-figures", *flags]
     ours = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
     ours |= {"DRONECOMBAT_CACHE": str(cache), "PYTHONUNBUFFERED": "1"}
     begun, seconds = time.monotonic(), {}

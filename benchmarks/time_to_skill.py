@@ -69,7 +69,7 @@ def train(preset: str, seed: int, share: float, sustained: int, flags: list[str]
         output, metrics = Path(folder) / "output", Path(folder) / "runs" / "skill" / "metrics.jsonl"
         command = [sys.executable, "-m", "dronecombat_jax", "train", "--preset", preset, "--seed", str(seed)]
         command += ["--name", "skill", "--run.directory", str(Path(folder) / "runs")]
-        command += ["--run.no-video", "--run.no-figures", *flags]
+        command += ["--run.no-video", "--run.no-replay", "--run.no-figures", *flags]
         begun = time.monotonic()
         with output.open("w") as stdout:
             process = subprocess.Popen(command, cwd=ROOT, stdout=stdout, stderr=stderr, env=_unbuffered())

@@ -272,6 +272,7 @@ class RunConfig:
     )
     figures: bool = setting(True, "draw learning curves at the end")
     video: bool = setting(True, "render a picture and a short video of a fight at the end")
+    replay: bool = setting(True, "write a page that replays fights in a browser at the end")
     evaluation_fights: int = setting(256, "fights of the evaluation at the end of training", low=1, high=10**6)
 
 

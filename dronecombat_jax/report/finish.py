@@ -9,6 +9,7 @@ from dronecombat_jax.arena.match import policy_pilot, record, start_fights, traj
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.report.figures import learning_curves
+from dronecombat_jax.report.replay import write_replay
 from dronecombat_jax.report.video import render_fight
 from dronecombat_jax.runs import metrics
 from dronecombat_jax.runs.evaluation import Match, SavedRun, evaluate, is_own, load_run, policies
@@ -16,6 +17,7 @@ from dronecombat_jax.runs.rundir import RunDirectory
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, FightRecord, Policy, Trajectory
 
 RECORDED_FIGHTS = 32
+EVOLUTION = "dronecombat replay --evolution"
 
 
 def finish(config: Config) -> None:
@@ -45,6 +47,9 @@ def finish(config: Config) -> None:
             print(f"no picture of a fight: {error.message}", flush=True)
         else:
             print(f"a fight: {run.figures / 'fight.png'} and {run.video}", flush=True)
+    if config.run.replay:
+        write_replay(run.path)
+        print(f"replay: {run.replay} (open it in a browser; over the training: {EVOLUTION} {run.path})", flush=True)
 
 
 def _draw_curves(run: RunDirectory) -> None:
@@ -65,6 +70,7 @@ def _is_finished(run: RunDirectory, config: Config) -> bool:
     wanted = [run.evaluation]
     wanted += [run.figures / "learning.png"] if config.run.figures else []
     wanted += [run.video] if config.run.video else []
+    wanted += [run.replay] if config.run.replay else []
     if not all(path.is_file() for path in wanted):
         return False
     steps = config.num_chunks * config.steps_per_chunk

@@ -18,7 +18,7 @@ def test_metrics_that_cannot_be_read_cost_the_curves_alone(
 ):
     evaluated = []
     monkeypatch.setattr(room, "evaluate", lambda path, *_, **__: evaluated.append(path))
-    config = Config(run=RunConfig(name="one", directory=str(tmp_path), video=False))
+    config = Config(run=RunConfig(name="one", directory=str(tmp_path), video=False, replay=False))
     (tmp_path / "one").mkdir()
     if content is not None:
         (tmp_path / "one" / "metrics.jsonl").write_text(content)
@@ -30,7 +30,7 @@ def test_metrics_that_cannot_be_read_cost_the_curves_alone(
 
 
 FINISHED = Config(
-    run=RunConfig(name="one", video=False, figures=False, evaluation_fights=8),
+    run=RunConfig(name="one", video=False, replay=False, figures=False, evaluation_fights=8),
     train=TrainConfig(num_seeds=2),
 )
 OWN = {"steps": FINISHED.num_chunks * FINISHED.steps_per_chunk, "fights": 8, "stochastic": False}
@@ -82,4 +82,4 @@ def test_a_disk_that_refuses_is_no_missing_record(tmp_path: Path, monkeypatch: p
     (tmp_path / "one" / "metrics.jsonl").touch()
     monkeypatch.setattr(room, "learning_curves", refuse)
     with pytest.raises(UserError, match="cannot write"):
-        room.finish(Config(run=RunConfig(name="one", directory=str(tmp_path), video=False)))
+        room.finish(Config(run=RunConfig(name="one", directory=str(tmp_path), video=False, replay=False)))

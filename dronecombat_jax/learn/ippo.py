@@ -94,8 +94,11 @@ def update_learner(
     observation = rollout.observation[:, :, agent]
     value, next_value = estimate_values(learn, learner, rollout, agent)
     weight, value_weight = step_weights(learn, rollout, agent)
-    # What has no weight may be anything, such as an action of NaN.
-    counted = lambda leaf: jnp.where(weight.reshape(*weight.shape, *[1] * (leaf.ndim - 2)) > 0.0, leaf, 0.0)
+
+    def counted(leaf: jax.Array) -> jax.Array:
+        """0 where there is no weight: what stands there may be anything, such as an action of NaN."""
+        return jnp.where(weight.reshape(*weight.shape, *[1] * (leaf.ndim - 2)) > 0.0, leaf, 0.0)
+
     learner, batch = prepare_batch(
         learn,
         learner,

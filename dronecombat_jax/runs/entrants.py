@@ -4,6 +4,7 @@ What does not live here: reading one run or file (`contenders`).
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from dronecombat_jax import settings
@@ -44,8 +45,9 @@ def read_field(
     untrained: bool = False,
     skip_bad: bool = False,
     allow_mismatch: bool = False,
+    mjcf: str = "",
 ) -> Field:
-    """Read and check everybody whom `words` name (`contenders.find`).
+    """Read and check everybody whom `words` name (`contenders.find`). `mjcf`: the file of the drone or scene to fly.
 
     Raises UserError: 2 for words that mean nothing and for a side without players; 3 that lists every checkpoint or
     file that cannot be used (unless `skip_bad`), or every player of another game (unless `allow_mismatch`).
@@ -54,7 +56,7 @@ def read_field(
     if bad and not skip_bad:
         raise UserError("\n".join([*bad, "nothing was flown; --skip-bad flies the others"]), EXIT_DATA)
     contenders = [contender for one in found for contender in one.contenders]
-    config = next((one.config for one in found if one.config is not None), settings.load(ANCHOR_PRESET))
+    config = _game(found, mjcf)
     if config.game.scenario == "solo":
         raise UserError("these policies were trained in solo, where nobody defends: there is no fight", EXIT_CONFIG)
     notices = _other_games(contenders, config, allow_mismatch)
@@ -65,6 +67,23 @@ def read_field(
             raise UserError(f"no {ROLES[role]} takes part; name a run, a policy file or a scripted pilot", EXIT_CONFIG)
         notices += _saved_again(role, side)
     return Field(config, seats, tuple(notices), tuple(bad))
+
+
+def _game(found: list[Found], mjcf: str) -> Config:
+    """The game of the first who can be flown here as it was trained, else of the first.
+
+    A policy file of a drone of somebody's own says which numbers it flew, and not where its MJCF is: a run does.
+    """
+    first: Config | None = None
+    for one in found:
+        if one.config is None:
+            continue
+        config = replace(one.config, sim=replace(one.config.sim, mjcf=mjcf or one.config.sim.mjcf))
+        first = first or config
+        known = [contender.environment for contender in one.contenders if contender.environment is not None]
+        if not known or known[-1] == environment(config):
+            return config
+    return first or settings.load(ANCHOR_PRESET, {"sim.mjcf": mjcf})
 
 
 def _find_all(words: Sequence[str], every: int, untrained: bool) -> tuple[list[Found], list[str]]:

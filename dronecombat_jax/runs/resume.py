@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.types import TrainState
 
-# Settings that may change when a run goes on; every other one makes it a different run.
-MAY_CHANGE = ("train.total_steps", "run.")
+# Settings that may change when a run goes on; every other one makes it a different run. A scene's file may have been
+# moved: what it says is part of the environment, which is compared when the state is restored (`provenance`).
+MAY_CHANGE = ("train.total_steps", "run.", "sim.mjcf")
 
 
 class Start(NamedTuple):

@@ -20,6 +20,7 @@ class Saver:
         """`more_meta`: plain JSON for every checkpoint, beside what `provenance` says."""
         self.run, self.config, self.progress, self.more_meta = run, config, progress, more_meta
         self.refused: UserError | None = None
+        self.met: dict[str, Any] | None = None  # the environment that is flown, once it is loaded
 
     def save(self, state: Any) -> None:
         """Save `state` (NumPy leaves); the step is the number of iterations done.
@@ -42,7 +43,8 @@ class Saver:
     def save_now(self, state: Any) -> None:
         """Save or raise: a run's first checkpoint, without which it must not start."""
         iteration = int(state.iteration[0])
-        checkpoint.save(self.run.checkpoints, iteration, state, describe(self.config, iteration) | self.more_meta)
+        meta = describe(self.config, iteration, self.met) | self.more_meta
+        checkpoint.save(self.run.checkpoints, iteration, state, meta)
 
     def finish(self) -> None:
         """Raise the refusal that no later save has made good."""

@@ -13,7 +13,8 @@ from dronecombat_jax.config import Config
 from dronecombat_jax.schema import flatten
 from dronecombat_jax.settings import SCHEMA
 from dronecombat_jax.sim.flown import differences
-from dronecombat_jax.sim.scene import Scene, flown_of
+from dronecombat_jax.sim.scene import Scene
+from dronecombat_jax.sim.source import flown_of
 
 # Raise it where physics, rules or observation change while the settings stay as they are.
 ENVIRONMENT_VERSION = 1
@@ -23,7 +24,7 @@ _LATER = {"game.spawn_spread": 0.0, "game.defender_spread": 0.0}
 _TRAINING_ONLY = ("game.random_clock",)
 # Where a scene's file lies. What it says is in the keys of `scene.`: a file that was moved is still the same game.
 _PLACES = ("sim.mjcf",)
-_SCENE = "scene."
+SCENE = "scene."
 
 
 def observation_fields(observation: str) -> tuple[tuple[str, int], ...]:
@@ -73,7 +74,7 @@ def digest_of(environment: dict[str, Any]) -> str:
 
 def environment_diff(saved: dict[str, Any], here: dict[str, Any]) -> list[str]:
     """One line for each part in which two environments differ; foreign values are spelt as JSON."""
-    absent = lambda key: "the package's own" if key.startswith(_SCENE) else "nothing"
+    absent = lambda key: "the package's own" if key.startswith(SCENE) else "nothing"
     spelt = lambda side, key: json.dumps(side[key]) if key in side else absent(key)
     return [
         f"{key} is {spelt(saved, key)} there, {spelt(here, key)} here"

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from dronecombat_jax import settings
 from dronecombat_jax.arena.players import Player
 from dronecombat_jax.arena.result import Alias, Entrant
-from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.fingerprint import SCENE, environment, environment_diff
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.runs.contenders import EXPORTED, Contender, Found, find
@@ -114,7 +114,10 @@ def _other_games(contenders: list[Contender], config: Config, allowed: bool) -> 
         if lines
     ]
     if told and not allowed:
-        raise UserError("\n".join([*told, "--allow-env-mismatch lets them fly in the first one's game"]), EXIT_DATA)
+        own = any(line.startswith(SCENE) for lines in groups for line in lines)
+        hints = ["dronecombat tournament --mjcf FILE names the MJCF that they were trained with"] if own else []
+        hints.append("--allow-env-mismatch lets them fly in the first one's game")
+        raise UserError("\n".join([*told, *hints]), EXIT_DATA)
     return told
 
 

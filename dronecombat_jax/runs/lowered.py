@@ -130,7 +130,7 @@ def _write(path: Path, content: bytearray, config: Config) -> None:
 
 def _files(config: Config) -> Iterator[str]:
     """Every file of code that this process has loaded, and the MJCF of `config`."""
-    from dronecombat_jax.sim.scene import files_of
+    from dronecombat_jax.sim.source import files_of
 
     files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
     yield from (os.path.abspath(file) for file in files if file)

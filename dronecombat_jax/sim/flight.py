@@ -51,7 +51,11 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
 
 
 def _turning(sim: SimConfig, scene: Scene, in_fluid: tuple[Drag, Drag] | None) -> Turn:
-    """`turn(rate [A, 3], moment [A, 3]) -> torque [A, 3]` to apply so that moment, fluid and gyroscopic torque act."""
+    """`turn(rate [A, 3], moment [A, 3])`: the torque [A, 3] to apply, in the bodies' frames.
+
+    The integrator adds MuJoCo's explicit gyroscopic torque; here come drag and what makes both
+    implicit.
+    """
     inertia = jnp.asarray(scene.inertia, jnp.float32)
     inwards, outwards = principal_axes(scene)
     implicit = sim.gyroscopic == "implicit"
@@ -69,10 +73,10 @@ def _turning(sim: SimConfig, scene: Scene, in_fluid: tuple[Drag, Drag] | None) -
 
 
 def _pushing(sim: SimConfig, scene: Scene, in_fluid: tuple[Drag, Drag] | None) -> Push:
-    """`push(drones, force [A, 3]) -> force [A, 3]`, world frame, with the fluid's drag as backward Euler has it.
+    """`push(drones, force [A, 3])`: the force [A, 3] to apply, drag included; world frame.
 
-    (m + h d) a = f for the sum f of all forces and the drag's slope d; the integrator itself has m a, so that the
-    drag is to be less by h d a.
+    Drag is implicit: (m + h d) a = f, with the sum f of all forces and the slope d of the drag. The
+    integrator has m a = f, so that drag is to be less by h d a.
     """
     if in_fluid is None:
         return lambda drones, force: force
@@ -92,9 +96,10 @@ def _pushing(sim: SimConfig, scene: Scene, in_fluid: tuple[Drag, Drag] | None) -
 
 
 def principal_axes(scene: Scene, role: int | None = None) -> tuple[Rotate, Rotate]:
-    """Rotations of vectors [A, 3] from the bodies' frames to their principal axes, and back; of [..., 3] for one `role`.
+    """Rotations from the bodies' frames to their principal axes, and back.
 
-    Where the axes are the body's own, as in the package's scene, both leave the vector alone.
+    Of vectors [A, 3], or [..., 3] of the drone `role`. Where the axes are the bodies' own, as in
+    the package's scene, both leave a vector alone.
     """
     if scene.axes is None:
         return (lambda vector: vector), (lambda vector: vector)
@@ -123,7 +128,11 @@ def hover_command(thrust_to_weight: float) -> float:
 
 
 def gyroscopic_correction(
-    rate: jax.Array, moment: jax.Array, inertia: jax.Array, timestep: float, damping: jax.Array | None = None
+    rate: jax.Array,
+    moment: jax.Array,
+    inertia: jax.Array,
+    timestep: float,
+    damping: jax.Array | None = None,
 ) -> jax.Array:
     """Torque [A, 3] in N m that turns an explicit gyroscopic term into a backward-Euler one.
 
@@ -132,8 +141,8 @@ def gyroscopic_correction(
     correction is I (w' - w) / h + f - m. The moment belongs inside: left out, flights under
     saturated moments part from C MuJoCo's `implicit` integrator by radians per second.
     Without a moment it never gains energy (Catto, "Numerical Methods", GDC 2015).
-    `rate`, `moment` [A, 3] along the principal axes, `inertia` [A, 3] about them. `damping` [A, 3]: what the moment
-    loses per rad/s, which J has too.
+    `rate`, `moment` [A, 3] along the principal axes, `inertia` [A, 3] about them; `damping` [A, 3]
+    N m s/rad: what the moment loses per rad/s, a part of J.
     """
     momentum = inertia * rate
     explicit = moment - jnp.cross(rate, momentum)

@@ -1,8 +1,8 @@
-"""Drag of a drone in a fluid: MuJoCo's inertia-box model, as C MuJoCo's `implicit` integrator has it.
+"""Drag of a drone in a fluid: MuJoCo's inertia-box model.
 
-Source: MuJoCo's documentation, "Fluid forces, inertia model": the drone is taken for the box of its mass and inertia.
-What does not live here: which fluid (`flown`), thrust and gyroscopic torque (`flight`). Only scenes with a density or
-a viscosity use it; the package's own has none.
+Source: MuJoCo's documentation, "Fluid forces, inertia model": a drone is the box that has its mass
+and inertia. What does not live here: which fluid (`flown`), and how drag enters a step (`flight`).
+Only a scene with a density or a viscosity has drag; the package's own has neither.
 """
 
 from typing import NamedTuple
@@ -21,20 +21,17 @@ class Drag(NamedTuple):
     quadratic: jax.Array  # [A, 3] N s^2/m^2, or N m s^2/rad^2
 
     def resist(self, velocity: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Force (or torque) and what it loses per unit of velocity, each [A, 3], at `velocity` [A, 3]."""
+        """Force (or torque), and its loss per unit of velocity, at `velocity`; each [A, 3]."""
         speed = jnp.abs(velocity)
-        return -(
-            self.viscous + self.quadratic * speed
-        ) * velocity, self.viscous + 2.0 * self.quadratic * speed
+        drag = -(self.viscous + self.quadratic * speed) * velocity
+        return drag, self.viscous + 2.0 * self.quadratic * speed
 
 
 def drags(flown: Flown) -> tuple[Drag, Drag]:
     """Linear and angular drag of both drones, about their principal axes."""
-    linear, angular = zip(*(_of_box(box(body), flown) for body in flown.bodies), strict=True)
-    stacked = lambda parts: Drag(
-        *(jnp.asarray(np.stack(part), jnp.float32) for part in zip(*parts, strict=True))
-    )
-    return stacked(linear), stacked(angular)
+    of_bodies = [_of_box(box(body), flown) for body in flown.bodies]
+    linear, angular = np.moveaxis(np.array(of_bodies), 0, 2).astype(np.float32)
+    return Drag(*map(jnp.asarray, linear)), Drag(*map(jnp.asarray, angular))
 
 
 def box(body: Body) -> np.ndarray:
@@ -43,14 +40,12 @@ def box(body: Body) -> np.ndarray:
     return np.sqrt(6.0 * np.maximum(inertia.sum() - 2.0 * inertia, 1e-12) / body.mass)
 
 
-def _of_box(
-    edges: np.ndarray, flown: Flown
-) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """(viscous, quadratic) for linear and for angular motion: Stokes' law for a sphere, and pressure on the faces."""
+def _of_box(edges: np.ndarray, flown: Flown) -> np.ndarray:
+    """[2, 2, 3]: linear and angular, each viscous (a sphere, Stokes) and quadratic (faces)."""
     density, viscosity = flown.density, flown.viscosity
     diameter, (x, y, z) = edges.mean(), edges
     faces = np.array([y * z, x * z, x * y])
     spins = np.array([x * (y**4 + z**4), y * (x**4 + z**4), z * (x**4 + y**4)])
     linear = np.full(3, 3.0 * np.pi * diameter * viscosity), 0.5 * density * faces
     angular = np.full(3, np.pi * diameter**3 * viscosity), density * spins / 64.0
-    return linear, angular
+    return np.array([linear, angular])

@@ -1,4 +1,4 @@
-"""MJCF files as MuJoCo reads them: which files belong to one, and one clear line for whatever is wrong with them.
+"""MJCF files as MuJoCo reads them: which files one is made of, one clear line for what is wrong.
 
 What does not live here: what a file must hold (`scene`), and what of it can be flown (`written`).
 """
@@ -13,9 +13,9 @@ from dronecombat_jax.errors import UserError
 
 
 def files_of(path: Path) -> list[Path]:
-    """Every file that the MJCF at `path` is made of: itself, what it includes and attaches, meshes, textures.
+    """The MJCF at `path` and every file that it includes, attaches or shows.
 
-    Raises UserError for a file that is absent or no XML, and for a reference that leaves the folder of `path`.
+    Raises UserError for a file that is absent or no XML, and for a name that leaves the folder.
     """
     root = path.resolve().parent
     trees: dict[Path, ElementTree.Element] = {}
@@ -71,16 +71,15 @@ def _refuse_outside(file: Path, tree: ElementTree.Element, root: Path) -> None:
             continue
         for folder in _asset_folders(tree):
             if not (root / folder / name).resolve().is_relative_to(root):
-                raise UserError(f'{file}: <{element.tag} file="{name}"> leaves the folder {root}')
+                where = f'<{element.tag} file="{name}">'
+                raise UserError(f"{file}: {where} leaves the folder {root}")
 
 
 def _asset_folders(tree: ElementTree.Element) -> list[Path]:
     """Where meshes and textures may lie, relative to the MJCF; the first is its own folder."""
     keys = ("assetdir", "meshdir", "texturedir")
-    return [
-        Path(),
-        *(Path(compiler.get(key, "")) for compiler in tree.iter("compiler") for key in keys),
-    ]
+    compilers = tree.iter("compiler")
+    return [Path(), *(Path(compiler.get(key, "")) for compiler in compilers for key in keys)]
 
 
 def _one_line(error: Exception) -> str:

@@ -1,6 +1,6 @@
-"""The actuators of a scene: thrust along body z and moments about the body's axes (eq. 7, 8), and nothing else.
+"""The actuators of a scene: thrust along body z, moments about the body's axes (eq. 7, 8), no more.
 
-MJX flies without actuators (`flight` applies the wrench); viewers and C MuJoCo fly the scene through these.
+MJX flies without actuators (`flight` applies the wrench); viewers and C MuJoCo fly by these.
 """
 
 import copy
@@ -22,13 +22,12 @@ _UNITS = ("N along z", "N m about x", "N m about y", "N m about z")
 
 def control_columns(model: Any) -> np.ndarray:
     """[A, 4] columns of ctrl: thrust in N, moments in N m."""
-    return np.array([model.actuator(name).id for name in ACTUATORS]).reshape(
-        len(DRONES), len(CONTROLS)
-    )
+    columns = [model.actuator(name).id for name in ACTUATORS]
+    return np.array(columns).reshape(len(DRONES), len(CONTROLS))
 
 
 def set_controls(sim: SimConfig, model: Any, flown: Flown) -> None:
-    """Limits of eq. 7 and 8 for these bodies (thrust up to `thrust_to_weight`), and their hover in every keyframe."""
+    """Limits of eq. 7 and 8 for these bodies, and their hover in every keyframe."""
     for body, row in zip(flown.bodies, control_columns(model), strict=True):
         weight = body.mass * flown.gravity
         model.actuator_ctrlrange[row[0]] = (0.0, sim.thrust_to_weight * weight)
@@ -56,10 +55,10 @@ def refuse_other_wrench(path: Path, model: Any) -> None:
         for index in np.flatnonzero(data.actuator_force):
             raise UserError(f"{path}: actuator {names[index]}: it pushes without a command")
         for index, name in enumerate(ACTUATORS):
-            _refuse_other_force(path, model, data, name, *divmod(index, len(CONTROLS)))
+            _refuse_other_push(path, model, data, name, *divmod(index, len(CONTROLS)))
 
 
-def _refuse_other_force(path: Path, model: Any, data: Any, name: str, drone: int, axis: int) -> None:
+def _refuse_other_push(path: Path, model: Any, data: Any, name: str, drone: int, axis: int) -> None:
     """Raise UserError unless control `axis` of `drone` gives its force or moment, and that alone."""
     column = model.actuator(name).id
     high = max(float(model.actuator_ctrlrange[column, 1]), 1e-6)

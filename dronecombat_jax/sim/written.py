@@ -1,7 +1,8 @@
 """What a compiled MJCF says of its drones, and what of it cannot be flown.
 
-What lives here: the rigid body that a drone's bodies make together, gravity and fluid, and the refusals: whatever
-C MuJoCo would do with the file and the game would not. What does not: files (`mjcf`), actuators (`wrench`).
+What lives here: the rigid body that a drone's bodies make together, gravity and fluid, and the
+refusals: whatever C MuJoCo would do with the file and the game would not. What does not: files
+(`mjcf`), a scene's names (`scene`), its actuators (`wrench`).
 """
 
 import copy
@@ -17,6 +18,16 @@ from dronecombat_jax.sim.flown import ALIGNED, Body, Flown, rigid_bodies
 
 _NAMED = 4  # faults in a message
 _EXACT = 1e-9  # relative size of what is rounding
+_PASSIVE = mujoco.mjtDisableBit.mjDSBL_SPRING | mujoco.mjtDisableBit.mjDSBL_DAMPER
+_JOINT_FORCES = {
+    "stiffness": ("jnt_stiffness", "jnt_stiffnesspoly"),
+    "damping": ("dof_damping", "dof_dampingpoly"),
+    "armature": ("dof_armature",),
+    "frictionloss": ("dof_frictionloss",),
+}
+_TENDON_FORCES = ("stiffness", "damping", "frictionloss", "armature", "limited")
+_TENDON_FIELDS = [f"tendon_{name}" for name in (*_TENDON_FORCES, "stiffnesspoly", "dampingpoly")]
+_ACTUATOR_FIELDS = ("actuator_damping", "actuator_dampingpoly", "actuator_armature")
 
 
 class Drone(NamedTuple):
@@ -29,49 +40,47 @@ class Drone(NamedTuple):
 
 def read_drone(model: Any, root: int) -> Drone:
     """The rigid body that `root` and the bodies welded to it make together."""
-    heavy = [index for index in _members(model, root) if model.body_mass[index] > 0.0]
+    heavy = [index for index in _members(model, root) if _has_inertia(model, index)]
     if heavy == [root]:
-        inertia, axes = _along_body(model.body_inertia[root], model.body_iquat[root])
-        return Drone(
-            root, model.body_ipos[root].copy(), Body(float(model.body_mass[root]), inertia, axes)
-        )
+        mass, inertia = float(model.body_mass[root]), tuple(map(float, model.body_inertia[root]))
+        body = Body(mass, inertia, tuple(map(float, model.body_iquat[root])))
+        return Drone(root, model.body_ipos[root].copy(), _in_order_of_axes(body))
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     turn, origin = data.xmat[root].reshape(3, 3), data.xpos[root]
-    mass, places = model.body_mass[heavy], (data.xipos[heavy] - origin) @ turn
-    centre = mass @ places / mass.sum()
+    masses, places = model.body_mass[heavy], (data.xipos[heavy] - origin) @ turn
+    centre = masses @ places / masses.sum()
     tensor = np.zeros((3, 3))
-    for index, own, place in zip(heavy, mass, places - centre, strict=True):
+    for index, mass, arm in zip(heavy, masses, places - centre, strict=True):
         axes = turn.T @ data.ximat[index].reshape(3, 3)
         tensor += axes @ np.diag(model.body_inertia[index]) @ axes.T
-        tensor += own * (place @ place * np.eye(3) - np.outer(place, place))  # parallel axes
-    inertia, axes = _principal(tensor)
-    return Drone(root, centre, Body(float(mass.sum()), inertia, axes))
+        tensor += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))  # parallel axes
+    moments, axes = np.linalg.eigh(tensor)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    turned = np.empty(4)
+    mujoco.mju_mat2Quat(turned, np.ascontiguousarray(axes).ravel())
+    body = Body(float(masses.sum()), tuple(map(float, moments)), tuple(map(float, turned)))
+    return Drone(root, centre, _in_order_of_axes(body))
 
 
 def read_flown(path: Path, model: Any, drones: tuple[Drone, Drone]) -> Flown:
-    """The numbers that a flight depends on. Raises UserError, one line that names what cannot be flown."""
-    off = mujoco.mjtDisableBit.mjDSBL_SPRING | mujoco.mjtDisableBit.mjDSBL_DAMPER
-    without_passive = model.opt.disableflags & off == off  # then C MuJoCo has no fluid either
-    density, viscosity = (
-        (0.0, 0.0) if without_passive else (float(model.opt.density), float(model.opt.viscosity))
-    )
-    flown = Flown(
-        (drones[0].body, drones[1].body), -float(model.opt.gravity[2]), density, viscosity
-    )
-    if flown.in_fluid:
-        flown = Flown(
-            flown.bodies, flown.gravity, density, viscosity, tuple(map(float, model.opt.wind))
-        )
-    if faults := list(_faults(model, [drone.root for drone in drones], flown.in_fluid)):
+    """The numbers that a flight depends on. Raises UserError that names what cannot be flown."""
+    option = model.opt
+    flown = Flown((drones[0].body, drones[1].body), -float(option.gravity[2]))
+    if option.disableflags & _PASSIVE != _PASSIVE and (option.density > 0 or option.viscosity > 0):
+        wind = tuple(map(float, option.wind))
+        fluid = float(option.density), float(option.viscosity), wind
+        flown = Flown(flown.bodies, flown.gravity, *fluid)
+    if faults := list(_faults(model, {drone.root for drone in drones}, flown.in_fluid)):
         more = f"; and {len(faults) - _NAMED} more" if len(faults) > _NAMED else ""
-        raise UserError(f"{path}: cannot be flown as written: {'; '.join(faults[:_NAMED])}{more}")
+        listed = "; ".join(faults[:_NAMED])
+        raise UserError(f"{path}: cannot be flown as written: {listed}{more}")
     for index, drone in enumerate(drones):
-        _refuse_other_accelerations(path, model, drone, index, flown)
+        _refuse_other_motion(path, model, drone, index, flown)
     return flown
 
 
-def name_of(model: Any, kind: str, index: int) -> str:
+def name_of(model: Any, kind: str, index: Any) -> str:
     """The name of an element, or its number where it has none."""
     return getattr(model, kind)(index).name or f"#{index}"
 
@@ -81,78 +90,54 @@ def _members(model: Any, root: int) -> np.ndarray:
     return np.flatnonzero(model.body_rootid == root)
 
 
-def _along_body(inertia: np.ndarray, axes: np.ndarray) -> tuple[Any, Any]:
-    """Principal moments and axes, in the order of the body's axes where they are the same lines."""
-    body = Body(1.0, tuple(map(float, inertia)), tuple(map(float, axes)))
-    if body.axes == ALIGNED or not _is_diagonal(body.tensor):
-        return body.inertia, body.axes
-    return tuple(map(float, np.diag(body.tensor))), ALIGNED
+def _has_inertia(model: Any, body: int) -> bool:
+    """Whether a body has mass, or an inertia without mass, which MuJoCo allows inside another."""
+    return bool(model.body_mass[body] > 0.0 or np.any(model.body_inertia[body] > 0.0))
 
 
-def _principal(tensor: np.ndarray) -> tuple[Any, Any]:
-    """Principal moments and axes (wxyz) of a symmetric tensor."""
-    if _is_diagonal(tensor):
-        return tuple(map(float, np.diag(tensor))), ALIGNED
-    moments, axes = np.linalg.eigh(tensor)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(axes).ravel())
-    return tuple(map(float, moments)), tuple(map(float, quaternion))
+def _in_order_of_axes(body: Body) -> Body:
+    """The same with its moments in the order of the body's axes, where the axes are those lines."""
+    tensor = body.tensor
+    moments = np.diag(tensor)
+    if body.axes == ALIGNED or np.abs(tensor - np.diag(moments)).max() > _EXACT * moments.max():
+        return body
+    return Body(body.mass, tuple(map(float, moments)))
 
 
-def _is_diagonal(tensor: np.ndarray) -> bool:
-    return bool(np.all(np.abs(tensor - np.diag(np.diag(tensor))) < _EXACT * tensor.max()))
-
-
-def _faults(model: Any, roots: list[int], in_fluid: bool) -> Iterator[str]:
-    """One phrase for each element that acts on a drone in C MuJoCo and that the game does not fly."""
+def _faults(model: Any, roots: set[int], in_fluid: bool) -> Iterator[str]:
+    """One phrase for each element that moves a drone in C MuJoCo and that the game does not fly."""
     yield from _option_faults(model)
-    for root in dict.fromkeys(roots):
-        yield from _joint_faults(model, root)
+    for root in sorted(roots):
+        dofs = model.body_dofadr[root] + np.arange(6)
+        index = {"jnt": model.body_jntadr[root], "dof": dofs}
+        found = [
+            word
+            for word, fields in _JOINT_FORCES.items()
+            if any(_acts(model, field, index[field[:3]]) for field in fields)
+        ]
+        if found:
+            yield f"the free joint of body {name_of(model, 'body', root)}: {', '.join(found)}"
         for body in _members(model, root):
             yield from _body_faults(model, body, root, in_fluid)
-    for index in range(model.nu):
-        if np.any(model.actuator_damping[index]) or _any(
-            model, index, "actuator_dampingpoly", "actuator_armature"
-        ):
-            yield f"actuator {name_of(model, 'actuator', index)}: damping and armature"
-    forces = (
-        "stiffness",
-        "stiffnesspoly",
-        "damping",
-        "dampingpoly",
-        "frictionloss",
-        "armature",
-        "limited",
-    )
+    for index in range(model.nactuator):
+        if any(_acts(model, field, index) for field in _ACTUATOR_FIELDS):
+            yield f"actuator {name_of(model, 'actuator', index)}: damping or armature"
     for index in range(model.ntendon):
-        if _any(model, index, *(f"tendon_{force}" for force in forces)):
+        if any(_acts(model, field, index) for field in _TENDON_FIELDS):
             yield f"tendon {name_of(model, 'tendon', index)}"
-    for index in np.flatnonzero(model.eq_active0):
-        yield f"equality {name_of(model, 'eq', index)}"
+    yield from (f"equality {name_of(model, 'eq', i)}" for i in np.flatnonzero(model.eq_active0))
     yield from (f"flex #{index}" for index in range(model.nflex))
 
 
 def _option_faults(model: Any) -> Iterator[str]:
     gravity = model.opt.gravity
     if np.any(gravity[:2]) or not gravity[2] < 0.0:
-        yield f"option gravity {' '.join(f'{g:g}' for g in gravity)}: it must point down along z, as what a drone sees does"
+        spelt = " ".join(f"{component:g}" for component in gravity)
+        yield f"option gravity {spelt}: it must point down along z, which is what a drone senses"
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
         yield 'option flag gravity="disable"'
     if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
         yield 'option flag sleep="enable"'
-
-
-def _joint_faults(model: Any, root: int) -> Iterator[str]:
-    joint, dofs = model.body_jntadr[root], model.body_dofadr[root] + np.arange(6)
-    found = {
-        "stiffness": _any(model, joint, "jnt_stiffness", "jnt_stiffnesspoly"),
-        "damping": _any(model, dofs, "dof_damping", "dof_dampingpoly"),
-        "armature": _any(model, dofs, "dof_armature"),
-        "frictionloss": _any(model, dofs, "dof_frictionloss"),
-    }
-    if acting := [word for word, there in found.items() if there]:
-        yield f"the free joint of body {name_of(model, 'body', root)}: {', '.join(acting)}"
 
 
 def _body_faults(model: Any, body: int, root: int, in_fluid: bool) -> Iterator[str]:
@@ -161,61 +146,57 @@ def _body_faults(model: Any, body: int, root: int, in_fluid: bool) -> Iterator[s
         yield f"body {name}: gravcomp"
     if model.body_plugin[body] >= 0:
         yield f"body {name}: plugin"
-    if in_fluid and body != root and model.body_mass[body] > 0.0:
+    if in_fluid and body != root and _has_inertia(model, body):
         fused = 'write <compiler fusestatic="true"/>, or density and viscosity 0'
-        yield f"body {name}: a body with mass inside another, each with a drag of its own ({fused})"
+        yield f"body {name}: a body with mass inside another, each with its own drag ({fused})"
     for geom in np.flatnonzero(model.geom_bodyid == body):
         if in_fluid and model.geom_fluid[geom, 0] > 0.0:
             yield f'geom {name_of(model, "geom", geom)}: fluidshape="ellipsoid"'
 
 
-def _any(model: Any, index: Any, *fields: str) -> bool:
-    """Whether any of these fields is not 0; a field that this MuJoCo does not have is 0."""
-    return any(
-        bool(np.any(getattr(model, field)[index])) for field in fields if hasattr(model, field)
-    )
+def _acts(model: Any, field: str, index: Any) -> bool:
+    """Whether a field of an element is not 0; one that this MuJoCo does not have is."""
+    return hasattr(model, field) and bool(np.any(getattr(model, field)[index]))
 
 
-def _refuse_other_accelerations(
-    path: Path, model: Any, drone: Drone, index: int, flown: Flown
-) -> None:
-    """The net below the list of faults: as C MuJoCo has it, the drone must accelerate as a free rigid body.
+def _refuse_other_motion(path: Path, model: Any, drone: Drone, index: int, flown: Flown) -> None:
+    """The net below the list: in C MuJoCo the drone must accelerate as a free rigid body does.
 
-    Compared are the centre of mass and the rates of the file's drone and of a body made of `flown` alone, at random
-    poses and velocities. Raises UserError.
+    Compared are the centre of mass and the rates of the file's drone with those of a body made of
+    `flown` alone, at drawn poses and velocities. Raises UserError.
     """
-    plain = rigid_bodies(flown, model.opt.timestep)
-    model = copy.copy(model)
+    plain, model = rigid_bodies(flown, model.opt.timestep), copy.copy(model)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)  # `wrench` looks at those
     for seed in range(3):
         random = np.random.default_rng(seed)
-        pose = np.concatenate(
-            [random.uniform(-5, 5, 3), (q := random.normal(size=4)) / np.linalg.norm(q)]
-        )
-        rate = random.uniform(-10, 10, 3)
-        twist = np.concatenate([random.uniform(-10, 10, 3), rate])
-        theirs, turn = _acceleration(model, drone.root, pose, twist)
-        arm = np.cross(theirs[3:], drone.centre) + np.cross(rate, np.cross(rate, drone.centre))
-        theirs[:3] += turn @ arm  # from the body's origin to the centre of mass
-        twist[:3] += turn @ np.cross(rate, drone.centre)
-        ours, _ = _acceleration(plain, 1 + index, pose, twist)
+        pose = np.concatenate([random.uniform(-5, 5, 3), q := random.normal(size=4)])
+        pose[3:] /= np.linalg.norm(q)
+        velocity, rate = random.uniform(-10, 10, (2, 3))
+        theirs, turn = _acceleration(model, drone.root, pose, velocity, rate)
+        swing = np.cross(rate, drone.centre)  # of the centre of mass about the body's origin
+        theirs[:3] += turn @ (np.cross(theirs[3:], drone.centre) + np.cross(rate, swing))
+        ours, _ = _acceleration(plain, 1 + index, pose, velocity + turn @ swing, rate)
         if not np.allclose(theirs, ours, rtol=1e-6, atol=1e-6 * np.abs(ours).max()):
-            spelt = lambda a: (
-                f"{np.round(a[:3], 4).tolist()} m/s^2 and {np.round(a[3:], 4).tolist()} rad/s^2"
-            )
             raise UserError(
-                f"{path}: body {name_of(model, 'body', drone.root)}: something in the file moves it otherwise than "
-                f"its mass, inertia, gravity and the fluid do: {spelt(theirs)}, not {spelt(ours)}"
+                f"{path}: body {name_of(model, 'body', drone.root)}: something in the file moves "
+                "it otherwise than its mass, inertia, gravity and the fluid do: "
+                f"{_spelt(theirs)}, not {_spelt(ours)}"
             )
 
 
 def _acceleration(
-    model: Any, root: int, pose: np.ndarray, twist: np.ndarray
+    model: Any, root: int, pose: np.ndarray, velocity: np.ndarray, rate: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of a free body at one state: [6] as C MuJoCo has it, and its rotation [3, 3]."""
+    """Of a free body in one state: [6] as C MuJoCo has it, and its rotation [3, 3]."""
     data = mujoco.MjData(model)
     joint, dof = model.body_jntadr[root], model.body_dofadr[root]
     start = model.jnt_qposadr[joint]
-    data.qpos[start : start + 7], data.qvel[dof : dof + 6] = pose, twist
+    data.qpos[start : start + 7] = pose
+    data.qvel[dof : dof + 6] = np.concatenate([velocity, rate])
     mujoco.mj_forward(model, data)
     return data.qacc[dof : dof + 6].copy(), data.xmat[root].reshape(3, 3).copy()
+
+
+def _spelt(acceleration: np.ndarray) -> str:
+    linear, angular = np.round(acceleration, 4).reshape(2, 3).tolist()
+    return f"{linear} m/s^2 and {angular} rad/s^2"

@@ -11,8 +11,9 @@ from dronecombat_jax import settings
 from dronecombat_jax.combat import fingerprint
 from dronecombat_jax.combat.fingerprint import environment, environment_diff, environment_digest, observation_fields
 from dronecombat_jax.config import Config, GameConfig, LearnConfig, RewardConfig, SimConfig, TrainConfig
-from dronecombat_jax.sim import scene
+from dronecombat_jax.sim import source
 from dronecombat_jax.sim.flown import package_scene
+from dronecombat_jax.sim.scene import load_scene
 
 NOT_MET = ("game.random_clock", "sim.mjcf")  # what an MJCF says is met, wherever it lies
 GAME_SETTINGS = [key for key in settings.SCHEMA if key.startswith(("sim.", "game.")) and key not in NOT_MET]
@@ -50,8 +51,8 @@ EDITS = {
 @pytest.fixture
 def edited(tmp_path, monkeypatch):
     """`edited(old, new)`: the package's combat.xml is edited where it stands, from now on."""
-    folder = shutil.copytree(scene.find_mjcf_dir(), tmp_path / "mjcf")
-    monkeypatch.setattr(scene, "find_mjcf_dir", lambda: folder)
+    folder = shutil.copytree(source.find_mjcf_dir(), tmp_path / "mjcf")
+    monkeypatch.setattr(source, "find_mjcf_dir", lambda: folder)
 
     def edit(old: str, new: str):
         text = (folder / "combat.xml").read_text()
@@ -68,7 +69,7 @@ def test_the_packages_own_scene_keeps_its_digest(body):
 
 def test_the_scene_says_what_its_reference_says():
     """The numbers in the code that an edited MJCF is compared with."""
-    assert scene.load_scene(SimConfig()).flown == package_scene("isaac")
+    assert load_scene(SimConfig()).flown == package_scene("isaac")
 
 
 @pytest.mark.parametrize("edit", EDITS)
@@ -82,7 +83,7 @@ def test_an_edited_scene_is_another_game_and_says_what_differs(edit, edited):
     lines = environment_diff(before, here)
     assert [line.split(" is ")[0] for line in lines] == sorted(wanted)
     assert all(" is the package's own there, " in line for line in lines)
-    assert environment(Config(), scene.load_scene(SimConfig())) == here
+    assert environment(Config(), load_scene(SimConfig())) == here
     assert json.loads(json.dumps(here)) == here
 
 

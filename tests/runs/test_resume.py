@@ -27,7 +27,8 @@ from dronecombat_jax.runs.rundir import RunDirectory
 from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.runs.state import flatten, match_template
 from dronecombat_jax.selfplay.chunk import init_state
-from dronecombat_jax.sim import scene
+from dronecombat_jax.sim import source
+from dronecombat_jax.sim.scene import load_scene
 from dronecombat_jax.types import TrainState
 
 HALF, WHOLE = 3 * CHUNK, 6 * CHUNK  # iterations
@@ -205,10 +206,10 @@ def test_another_environment_under_the_same_settings_is_refused_with_what_differ
 
 def test_an_edited_scene_is_refused_with_what_differs(start, tmp_path, monkeypatch):
     """The package's MJCF, edited where it stands: the settings are the same, the physics is not."""
-    folder = shutil.copytree(scene.find_mjcf_dir(), tmp_path / "mjcf")
+    folder = shutil.copytree(source.find_mjcf_dir(), tmp_path / "mjcf")
     file = folder / "combat.xml"
     file.write_text(file.read_text().replace('mass="0.0282"', 'mass="1.325"'))
-    monkeypatch.setattr(scene, "find_mjcf_dir", lambda: folder)
+    monkeypatch.setattr(source, "find_mjcf_dir", lambda: folder)
     with pytest.raises(CheckpointError) as caught:
         check_meta(start, CONFIG)
     assert "scene.defender.mass is the package's own there, 1.325 here" in caught.value.message
@@ -234,7 +235,7 @@ def test_a_scene_that_is_edited_or_lost_while_it_flies_is_saved_as_it_flies(tmp_
     """The state of a training is that of the scene it loaded, and a lost file must not cost a checkpoint."""
     config = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path))))
     saver = Saver(RunDirectory(tmp_path), config, None, {})
-    saver.met = environment(config, scene.load_scene(config.sim))
+    saver.met = environment(config, load_scene(config.sim))
     for edit in (("0.027", "0.05"), None):
         (tmp_path / "drone.xml").unlink() if edit is None else write(tmp_path, SMALL, edit)
         saver.save_now(init_state(Coasting(CONFIG)).replace(iteration=np.array([2 if edit else 4], np.int32)))

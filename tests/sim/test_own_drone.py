@@ -11,8 +11,9 @@ from drones import BIG, SMALL, write
 
 from dronecombat_jax.config import SimConfig
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
-from dronecombat_jax.sim.scene import load_scene, read_written
+from dronecombat_jax.sim.scene import load_scene
 from dronecombat_jax.sim.side_by_side import differences
+from dronecombat_jax.sim.source import read_written
 
 STILL = ('density="1.225" viscosity="1.8e-5"', "")  # a change: no fluid
 # Mass and inertia of BIG by hand: rotors of 0.25 kg and half axes (a, a, c), an ellipsoid of 0.325 kg.
@@ -62,11 +63,10 @@ def test_a_drone_made_of_geoms_is_flown_about_its_centre_of_mass(tmp_path: Path)
 
 
 def test_bodies_inside_a_body_weigh_too(tmp_path: Path):
-    """A battery of 0.013 kg on top, a counterweight below: 0.04 kg in all, and parallel axes."""
-    inside = "".join(
-        f'<body pos="0 0 {z}"><inertial pos="0 0 0" mass="{m}" diaginertia="1e-6 2e-6 2e-6"/></body>'
-        for z, m in ((0.03, 0.01), (-0.1, 0.003))
-    )
+    """A battery on top, a counterweight below, a wheel without mass: 0.04 kg, and parallel axes."""
+    body = '<body pos="0 0 {}"><inertial pos="0 0 0" mass="{}" diaginertia="{}"/></body>'
+    parts = ((0.03, 0.01, "1e-6 2e-6 2e-6"), (-0.1, 0.003, "0 1e-6 1e-6"), (0.5, 0, "1e-6 1e-6 1e-6"))
+    inside = "".join(body.format(*part) for part in parts)
     scene = load_scene(SimConfig(mjcf=str(write(tmp_path, SMALL, STILL, ("<freejoint/>", "<freejoint/>" + inside)))))
     arms = 0.01 * 0.03**2 + 0.003 * 0.1**2
     np.testing.assert_allclose(scene.mass, 0.04, rtol=1e-12)
@@ -146,7 +146,9 @@ def test_a_drone_that_starts_turned_and_in_a_frame_hangs_level(tmp_path: Path):
     np.testing.assert_allclose(full.body("defender_own_small").quat, [1, 0, 0, 0], atol=1e-12)
 
 
-BATTERY = '<body name="battery" pos="0 0 0.01">{}<inertial pos="0 0 0" mass="0.005" diaginertia="1e-6 1e-6 1e-6"/></body>'
+BATTERY = (
+    '<body name="battery" pos="0 0 0.01">{}<inertial pos="0 0 0" mass="0.005" diaginertia="1e-6 1e-6 1e-6"/></body>'
+)
 REFUSED: dict[str, tuple[tuple[tuple[str, str], ...], tuple[str, ...]]] = {
     "hinge": ((("<freejoint/>", "<freejoint/>" + BATTERY.format('<joint name="flap"/>')),), ("flap of body battery",)),
     "ball": ((("<freejoint/>", "<freejoint/>" + BATTERY.format('<joint type="ball"/>')),), ("only joint", "battery")),
@@ -225,7 +227,9 @@ def test_harmless_elements_are_left_out(tmp_path: Path):
     assert adorned.flown == plain.flown and adorned.full.ntendon == adorned.full.neq == 0
 
 
-@pytest.mark.parametrize("option", ['settotalmass="3"', 'boundmass="0.5"', 'balanceinertia="true"', 'fusestatic="true"'])
+@pytest.mark.parametrize(
+    "option", ['settotalmass="3"', 'boundmass="0.5"', 'balanceinertia="true"', 'fusestatic="true"']
+)
 def test_the_compilers_options_act_once(option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """They are part of the file's mass, and the looks in the arena stay without any."""
     monkeypatch.chdir(tmp_path)  # MuJoCo logs warnings to a file where it stands

@@ -11,10 +11,11 @@ import pytest
 
 from dronecombat_jax.config import SimConfig
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
-from dronecombat_jax.sim import scene as scene_module
+from dronecombat_jax.sim import source
 from dronecombat_jax.sim.flown import BODIES, DRONES
-from dronecombat_jax.sim.scene import Scene, find_mjcf_dir, load_scene, read_written
+from dronecombat_jax.sim.scene import Scene, load_scene
 from dronecombat_jax.sim.side_by_side import differences
+from dronecombat_jax.sim.source import find_mjcf_dir, read_written
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +143,7 @@ def test_every_shape_of_the_drone_is_massless_and_real_size():
 def test_folder_is_found_in_a_checkout_and_in_a_wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     package = tmp_path / "site" / "dronecombat_jax"
     (package / "sim").mkdir(parents=True)
-    monkeypatch.setattr(scene_module, "__file__", str(package / "sim" / "scene.py"))
+    monkeypatch.setattr(source, "__file__", str(package / "sim" / "source.py"))
     with pytest.raises(UserError, match=r"combat\.xml: not found"):
         find_mjcf_dir()
     checkout = Path(shutil.copytree(Path(__file__).parents[2] / "mjcf", tmp_path / "site" / "mjcf"))
@@ -267,7 +268,9 @@ def test_a_body_inside_a_drone_counts_or_is_refused(mjcf: Path):
     np.testing.assert_allclose(scene.inertia[1], [2.4236e-5, 2.4320e-5, 3.7412e-5], rtol=1e-9)
     assert scene.full.actuator_ctrlrange[scene.controls[0, 0], 1] == pytest.approx(1.9 * 0.0382 * 9.81)
     rewrite(file, 'pos="0 0 -0.01"', 'pos="0 0 -0.02"')
-    with pytest.raises(UserError, match=r"body defender: its centre of mass must be the body's origin, not 0 0 -0\.001"):
+    with pytest.raises(
+        UserError, match=r"body defender: its centre of mass must be the body's origin, not 0 0 -0\.001"
+    ):
         load_scene(SimConfig(), mjcf / "combat.xml")
 
 

@@ -82,7 +82,7 @@ class TournamentFlags:
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
     stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
     flights: int = setting(0, "fights to record of each run's two sides of one chunk: how they fly", low=0, high=10**4)
-    mjcf: str = setting("", "the MJCF of the drone that was trained with, where it is not where its run left it")
+    mjcf: str = setting("", "the MJCF that was trained with, where no run says where it is")
     skip_bad: bool = setting(False, "leave out what cannot be read, and exit with 5")
     allow_env_mismatch: bool = setting(False, "let policies of another game fly in that of the first")
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
@@ -117,9 +117,9 @@ class CompareFlags:
 
 @dataclass(frozen=True)
 class DoctorFlags:
-    """Say what this machine has and what is missing: versions, devices, rendering. Or how a drone's file is flown."""
+    """Say what this machine has and what is missing, or how a drone's file is flown."""
 
-    mjcf: str = setting("", "an MJCF of a drone or scene: how it is flown, side by side with C MuJoCo")
+    mjcf: str = setting("", "an MJCF: how its drone is flown, side by side with C MuJoCo")
 
 
 def train(args: Sequence[str]) -> int:
@@ -139,7 +139,8 @@ def train(args: Sequence[str]) -> int:
         raise UserError("\n".join(errors))
     config = replace(config, run=replace(config.run, name=settings.run_name(config, preset)))
     if config.sim.mjcf:  # a run is gone on with, and looked at, from any folder
-        config = replace(config, sim=replace(config.sim, mjcf=str(Path(config.sim.mjcf).expanduser().absolute())))
+        whole = Path(config.sim.mjcf).expanduser().absolute()
+        config = replace(config, sim=replace(config.sim, mjcf=str(whole)))
     if only_print:
         print(settings.to_toml(config), end="")
         return 0

@@ -36,7 +36,7 @@ class SimConfig:
     body: Literal["isaac", "firmware", "menagerie", "p250"] = setting(
         "isaac", "mass and inertia of both drones (isaac: the composite of Isaac's cf2x)"
     )
-    mjcf: str = setting("", "MJCF of a drone or a whole scene of your own (docs/own_drone.md); empty: the package's")
+    mjcf: str = setting("", "MJCF of a drone or a scene of your own (docs/own_drone.md); empty: the package's")
     timestep: float = setting(0.01, "physics step", unit="s", low=1e-4, high=0.05)
     substeps: int = setting(2, "physics steps per control step", low=1, high=100)
     thrust_to_weight: float = setting(1.9, "full thrust over weight (eq. 7)", low=1.0, high=20.0, low_open=True)

@@ -62,7 +62,8 @@ def doctor_mjcf(path: str) -> int:
         return EXIT_CONFIG
     for word, text in found.lines:
         print(f"{word:12} {text}")
-    print(f"{'verdict':12} {'ok    flown as it is written' if found.agrees else 'FAIL  not flown as it is written'}")
+    verdict = "ok    flown" if found.agrees else "FAIL  not flown"
+    print(f"{'verdict':12} {verdict} as it is written")
     return 0 if found.agrees else EXIT_CONFIG
 
 

@@ -94,8 +94,8 @@ def _flight(config: Config) -> Iterator[Problem]:
     if config.sim.mjcf and config.sim.body != "isaac":
         yield Problem(
             ("sim.body", "sim.mjcf"),
-            f"sim.body = {config.sim.body} is a mass and inertia for the package's drone; with sim.mjcf both come out "
-            "of the file: leave sim.body out",
+            f"sim.body = {config.sim.body} is a mass and inertia for the package's drone; "
+            "with sim.mjcf both come out of the file: leave sim.body out",
         )
 
 

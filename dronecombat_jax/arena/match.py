@@ -25,7 +25,10 @@ from dronecombat_jax.types import (
 
 
 def policy_pilot(learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False) -> Pilot:
-    """Fly `policy` as `role`: its mean action, or a draw with its log-std as it is (`runs.policy.as_flown`)."""
+    """Fly `policy` as `role`: its mean action, or a draw from it.
+
+    Its log-std is taken as it is: `runs.policy.as_flown` puts it into its bounds.
+    """
 
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
         mean = policy_mean(learn, policy, observation[:, role])

@@ -31,7 +31,7 @@ class Airframe(NamedTuple):
 
     gravity: float  # m/s^2
     max_force: float  # full thrust over mass, m/s^2
-    momentum: Callable[[jax.Array], jax.Array]  # rate [..., 3] rad/s in the body frame -> [..., 3] kg m^2/s
+    momentum: Callable[[jax.Array], jax.Array]  # of rates [..., 3] rad/s, body frame: kg m^2/s
     moment_scale: float  # N m at full deflection
     attitude_gain: float  # 1/s^2
     rate_gain: float  # 1/s

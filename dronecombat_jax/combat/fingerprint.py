@@ -1,20 +1,20 @@
-"""Which game a policy knows: the settings, the scene and the observation that its actions depend on, and their sha256.
+"""Which game a policy knows: the settings, scene and observation that its actions depend on.
 
-What does not live here: who compares them (`runs.policy`, tournaments). Rewards and learning are no part of
-the game that a trained policy meets.
+And their sha256. What does not live here: who compares them (`runs.policy`, tournaments). Rewards
+and learning are no part of the game that a trained policy meets.
 """
 
 import hashlib
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dronecombat_jax.combat.observe import LAYOUT
 from dronecombat_jax.config import Config
 from dronecombat_jax.schema import flatten
 from dronecombat_jax.settings import SCHEMA
-from dronecombat_jax.sim.flown import differences
-from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.sim.source import flown_of
+
+if TYPE_CHECKING:
+    from dronecombat_jax.sim.scene import Scene
 
 # Raise it where physics, rules or observation change while the settings stay as they are.
 ENVIRONMENT_VERSION = 1
@@ -22,7 +22,7 @@ ENVIRONMENT_VERSION = 1
 _LATER = {"game.spawn_spread": 0.0, "game.defender_spread": 0.0}
 # The clock of a training run's first fights: no fight between trained policies begins with it.
 _TRAINING_ONLY = ("game.random_clock",)
-# Where a scene's file lies. What it says is in the keys of `scene.`: a file that was moved is still the same game.
+# Where a scene's file lies. What it says is in the keys of `scene.`: moved, it is the same game.
 _PLACES = ("sim.mjcf",)
 SCENE = "scene."
 
@@ -34,12 +34,16 @@ def observation_fields(observation: str) -> tuple[tuple[str, int], ...]:
     return tuple((name.replace("_d", "_self").replace("_a", "_other"), size) for name, size in LAYOUT)
 
 
-def environment(config: Config, scene: Scene | None = None) -> dict[str, Any]:
-    """What a trained policy meets, as plain JSON: version, observation, settings of `sim` and `game` by dotted key.
+def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
+    """What a trained policy meets, as plain JSON by dotted key.
 
-    And, as `scene.KEY`, each number of the scene that is not the package's own. `scene`: as it was loaded for
-    `config`; without it the MJCF is read anew, and UserError where it cannot be.
+    Version, observation, settings of `sim` and `game`, and as `scene.KEY` each number of the scene
+    that is not the package's own. `scene`: as it was loaded for `config`; without it the MJCF is
+    read anew. Raises UserError where it cannot be.
     """
+    from dronecombat_jax.sim.flown import differences  # MuJoCo, which a policy file can do without
+    from dronecombat_jax.sim.source import flown_of
+
     values = flatten(config)
     met = [
         key

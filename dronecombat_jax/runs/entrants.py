@@ -47,8 +47,9 @@ def read_field(
     allow_mismatch: bool = False,
     mjcf: str = "",
 ) -> Field:
-    """Read and check everybody whom `words` name (`contenders.find`). `mjcf`: the file of the drone or scene to fly.
+    """Read and check everybody whom `words` name (`contenders.find`).
 
+    `mjcf`: the file of the drone or scene to fly, instead of where their runs left it.
     Raises UserError: 2 for words that mean nothing and for a side without players; 3 that lists every checkpoint or
     file that cannot be used (unless `skip_bad`), or every player of another game (unless `allow_mismatch`).
     """
@@ -72,15 +73,16 @@ def read_field(
 def _game(found: list[Found], mjcf: str) -> Config:
     """The game of the first who can be flown here as it was trained, else of the first.
 
-    A policy file of a drone of somebody's own says which numbers it flew, and not where its MJCF is: a run does.
+    A policy file of an own drone says what its MJCF says, not where it is: a run does.
     """
     first: Config | None = None
-    for one in found:
-        if one.config is None:
+    for entry in found:
+        if entry.config is None:
             continue
-        config = replace(one.config, sim=replace(one.config.sim, mjcf=mjcf or one.config.sim.mjcf))
+        sim = entry.config.sim
+        config = replace(entry.config, sim=replace(sim, mjcf=mjcf or sim.mjcf))
         first = first or config
-        known = [contender.environment for contender in one.contenders if contender.environment is not None]
+        known = [contender.environment for contender in entry.contenders if contender.environment]
         if not known or known[-1] == environment(config):
             return config
     return first or settings.load(ANCHOR_PRESET, {"sim.mjcf": mjcf})
@@ -115,9 +117,9 @@ def _other_games(contenders: list[Contender], config: Config, allowed: bool) -> 
     ]
     if told and not allowed:
         own = any(line.startswith(SCENE) for lines in groups for line in lines)
-        hints = ["dronecombat tournament --mjcf FILE names the MJCF that they were trained with"] if own else []
-        hints.append("--allow-env-mismatch lets them fly in the first one's game")
-        raise UserError("\n".join([*told, *hints]), EXIT_DATA)
+        hint = "dronecombat tournament --mjcf FILE names the MJCF that they were trained with"
+        allowing = "--allow-env-mismatch lets them fly in the first one's game"
+        raise UserError("\n".join([*told, *([hint] if own else []), allowing]), EXIT_DATA)
     return told
 
 

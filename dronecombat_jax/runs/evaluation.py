@@ -113,7 +113,8 @@ def evaluate(path: Path, match: Match, chunk: int | None = None) -> int:
     """
     run = load_run(path, chunk)
     if changed := environment_diff(run.met, environment(run.config, run.combat.scene)):
-        print(f"note: trained in another environment than the one here: {'; '.join(changed)}", flush=True)
+        told = "; ".join(changed)
+        print(f"note: trained in another environment than the one here: {told}", flush=True)
     steps = run.iteration * run.config.steps_per_iteration
     results = []
     for index in range(run.config.train.num_seeds):

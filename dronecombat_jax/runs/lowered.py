@@ -120,7 +120,8 @@ def _write(path: Path, content: bytearray, config: Config) -> None:
     Not one whose code was edited while this process ran: which version it had loaded is not known.
     """
     with contextlib.suppress(OSError, UserError):
-        made_from = [(file, *stamp) for file in sorted(set(_files(config))) if (stamp := _stamp(file))]
+        files = sorted(set(_files(config)))
+        made_from = [(file, *stamp) for file in files if (stamp := _stamp(file))]
         if _began is None or any(changed > _began for *_, changed in made_from):
             return
         head = json.dumps({"sha256": hashlib.sha256(content).hexdigest(), "made_from": made_from})

@@ -99,7 +99,7 @@ def digest_of(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) ->
 
 
 def as_flown(policy: Policy, learn: LearnConfig) -> Policy:
-    """A policy on its way out of a run: its log-std is in the bounds of `learn`, as the run draws with it.
+    """A policy on its way out of a run, its log-std in the bounds of `learn`, as the run draws.
 
     Only its run knows the bounds; in older checkpoints the parameter may lie outside.
     """

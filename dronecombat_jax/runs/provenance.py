@@ -12,7 +12,7 @@ from dronecombat_jax.runs.resume import Start
 def describe(config: Config, iteration: int, met: dict[str, Any] | None = None) -> dict[str, Any]:
     """The meta of a checkpoint after `iteration` iterations: settings, environment and versions.
 
-    `met`: the environment as it is flown, which files that were edited since do not change; None: as they are now.
+    `met`: the environment as it is flown, whatever was done to its files since; None: as it is now.
     """
     import jax
 
@@ -31,10 +31,10 @@ def describe(config: Config, iteration: int, met: dict[str, Any] | None = None) 
 
 
 def check_meta(start: Start, config: Config, met: dict[str, Any] | None = None) -> list[str]:
-    """Notes for a person about going on from `start` here; a checkpoint that says nothing is not asked.
+    """Notes for a person about going on from `start`; a checkpoint that says nothing is not asked.
 
-    `met`: the environment that is flown here, as in `describe`. Raises CheckpointError where this version has another environment under the same settings, or where
-    other random numbers would come out of the same seeds.
+    `met`: the environment that is flown here, as in `describe`. Raises CheckpointError where it is
+    not the checkpoint's, or where other random numbers would come out of the same seeds.
     """
     import jax
 

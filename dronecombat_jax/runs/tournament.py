@@ -61,15 +61,20 @@ def tournament(
 
     Of runs `every` n-th chunk and the last take part, and with `untrained` also whom they began with. `cells` chooses
     the cells to be flown (default: all); what was flown before is part of the result in any case. `told`: plain JSON
-    for `result.json`, too. `flights`: how many fights of each run's two sides of one chunk are recorded. `mjcf`: the
-    file of the drone or scene to fly.
+    for `result.json`, too. `flights`: how many fights of each run's two sides of one chunk are recorded.
+    `mjcf`: the file of the drone or scene to fly, instead of where their runs left it.
     0: complete; 5: complete but for players who could not be read (`skip_bad`); 75: stopped by a signal and saved.
     Raises UserError: 2 and 3 as `read_field`, 73 where the folder cannot be written.
     """
     path = run_path(root, name or default_name(words))
     print("reading and verifying everybody ...", flush=True)
     field = read_field(
-        words, every=every, untrained=untrained, skip_bad=skip_bad, allow_mismatch=allow_mismatch, mjcf=mjcf
+        words,
+        every=every,
+        untrained=untrained,
+        skip_bad=skip_bad,
+        allow_mismatch=allow_mismatch,
+        mjcf=mjcf,
     )
     defenders, attackers = ([seat.entrant for seat in side] for side in field.seats)
     with _claim(path) as folder:

@@ -26,10 +26,11 @@ def build_physics(scene: Scene) -> Physics:
     mjx, model, level = load_mjx(scene)
 
     def advance(qpos: jax.Array, qvel: jax.Array, force: jax.Array) -> tuple[jax.Array, jax.Array]:
-        # fwd_position is left out, and `level` holds its results. A free joint's velocity is linear in the world
-        # frame and angular in the body's; where the body's origin is its centre of mass, the equations of motion in
-        # these coordinates, m a = f + m g and I w' = t - w x I w, do not contain the pose. So masses, motion axes and
-        # inertias of any one pose give them, and at the origin no difference of large positions is rounded.
+        # fwd_position is left out, and `level` holds its results. A free joint's velocity is linear
+        # in the world frame and angular in the body's. Where the body's origin is its centre of
+        # mass, the equations of motion in these coordinates, m a = f + m g and I w' = t - w x I w,
+        # do not contain the pose. So masses, motion axes and inertias of any one pose give them, and
+        # at the origin no difference of large positions is rounded.
         data = mjx.fwd_velocity(model, level.replace(qvel=qvel, qfrc_applied=force))
         # No actuators: fwd_actuation is nothing. The forces on bodies in here are constant zeros at a constant
         # pose, which XLA sums while it compiles.

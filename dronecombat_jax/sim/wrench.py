@@ -59,7 +59,7 @@ def refuse_other_wrench(path: Path, model: Any) -> None:
 
 
 def _refuse_other_push(path: Path, model: Any, data: Any, name: str, drone: int, axis: int) -> None:
-    """Raise UserError unless control `axis` of `drone` gives its force or moment, and that alone."""
+    """Raise UserError unless control `axis` of `drone` gives its force or moment alone."""
     column = model.actuator(name).id
     high = max(float(model.actuator_ctrlrange[column, 1]), 1e-6)
     for value in (high,) if axis == 0 else (high, -high):

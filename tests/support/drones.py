@@ -1,9 +1,9 @@
-"""MJCF of drones that are nobody's: written for the tests in the manner of the files that people have."""
+"""MJCF of drones written for the tests, in the manner of the files that people have."""
 
 from pathlib import Path
 
-# A Crazyflie as MuJoCo models are shared: one free body with an explicit inertia, a wrench whose moments have
-# turned signs and tiny gears, fluid options, geoms to see and geoms to collide.
+# A Crazyflie as MuJoCo models are shared: one free body with an explicit inertia, a wrench whose
+# moments have turned signs and tiny gears, fluid options, geoms to see and geoms to collide.
 SMALL = """<mujoco model="small">
   <option integrator="RK4" density="1.225" viscosity="1.8e-5"/>
   <compiler inertiafromgeom="false" autolimits="true"/>
@@ -35,8 +35,8 @@ SMALL = """<mujoco model="small">
 </mujoco>
 """
 
-# A larger one: mass and inertia of its geoms, so that its centre of mass lies above the body's origin and its
-# principal axes are not the body's; four rotors of two heights; another time step.
+# A larger one: mass and inertia of its geoms, so that its centre of mass lies above the body's
+# origin and its principal axes are not the body's; four rotors of two heights; another time step.
 BIG = """<mujoco model="big">
   <compiler autolimits="true"/>
   <option timestep="0.004" density="1.225" viscosity="1.8e-5"/>
@@ -73,7 +73,7 @@ BIG = """<mujoco model="big">
 """
 
 
-def write(folder: Path, text: str = SMALL, *changes: tuple[str, str], name: str = "drone.xml") -> Path:
+def write(folder: Path, text: str = SMALL, *changes: tuple[str, str], name="drone.xml") -> Path:
     """The MJCF `text` as a file, each pair of `changes` (what, by what) made in it."""
     for old, new in changes:
         assert old in text, old

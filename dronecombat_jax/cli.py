@@ -85,6 +85,7 @@ class TournamentFlags:
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
     stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
     flights: int = setting(0, "fights to record of each run's two sides of one chunk: how they fly", low=0, high=10**4)
+    mjcf: str = setting("", "the MJCF that was trained with, where no run says where it is")
     skip_bad: bool = setting(False, "leave out what cannot be read, and exit with 5")
     allow_env_mismatch: bool = setting(False, "let policies of another game fly in that of the first")
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
@@ -144,7 +145,9 @@ class ReplayFlags:
 
 @dataclass(frozen=True)
 class DoctorFlags:
-    """Say what this machine has and what is missing: versions, devices, rendering."""
+    """Say what this machine has and what is missing, or how a drone's file is flown."""
+
+    mjcf: str = setting("", "an MJCF: how its drone is flown, side by side with C MuJoCo")
 
 
 def train(args: Sequence[str]) -> int:
@@ -163,11 +166,18 @@ def train(args: Sequence[str]) -> int:
     if errors:
         raise UserError("\n".join(errors))
     config = replace(config, run=replace(config.run, name=settings.run_name(config, preset)))
+    if config.sim.mjcf:  # a run is gone on with, and looked at, from any folder
+        whole = Path(config.sim.mjcf).expanduser().absolute()
+        config = replace(config, sim=replace(config.sim, mjcf=str(whole)))
     if only_print:
         print(settings.to_toml(config), end="")
         return 0
     print(summary(config, preset), flush=True)
     _prepare(config.run.device, config)
+    if config.sim.mjcf:  # what cannot be flown is said before there is a folder
+        from dronecombat_jax.sim.scene import load_scene
+
+        load_scene(config.sim)
     from dronecombat_jax import processes
     from dronecombat_jax.runs import training
 
@@ -237,6 +247,7 @@ def tournament(args: Sequence[str]) -> int:
         every=given.every,
         untrained=given.untrained,
         flights=given.flights,
+        mjcf=given.mjcf,
         skip_bad=given.skip_bad,
         allow_mismatch=given.allow_env_mismatch,
     )
@@ -293,10 +304,10 @@ def replay(args: Sequence[str]) -> int:
 
 def doctor(args: Sequence[str]) -> int:
     """say what this machine has and what is missing"""
-    flags.read(DoctorFlags, args, "dronecombat doctor")
-    from dronecombat_jax.doctor import doctor as examine
+    given: DoctorFlags = flags.read(DoctorFlags, args, "dronecombat doctor")
+    from dronecombat_jax import doctor as examiner
 
-    return examine()
+    return examiner.doctor_mjcf(given.mjcf) if given.mjcf else examiner.doctor()
 
 
 COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {

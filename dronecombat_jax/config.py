@@ -36,11 +36,12 @@ class SimConfig:
     body: Literal["isaac", "firmware", "menagerie", "p250"] = setting(
         "isaac", "mass and inertia of both drones (isaac: the composite of Isaac's cf2x)"
     )
+    mjcf: str = setting("", "MJCF of a drone or a scene of your own (docs/own_drone.md); empty: the package's")
     timestep: float = setting(0.01, "physics step", unit="s", low=1e-4, high=0.05)
     substeps: int = setting(2, "physics steps per control step", low=1, high=100)
     thrust_to_weight: float = setting(1.9, "full thrust over weight (eq. 7)", low=1.0, high=20.0, low_open=True)
     moment_scale: float = setting(
-        0.01, "moment at full deflection about each body axis (eq. 8)", unit="N m", low=0.0, high=1.0
+        0.01, "moment at full deflection about each body axis (eq. 8)", unit="N m", low=0.0, high=100.0
     )
     max_body_rate: float = setting(
         100.0, "cap on the norm of the body rate (PhysX's default)", unit="rad/s", low=1.0, high=1e4

@@ -38,7 +38,7 @@ class Problem(NamedTuple):
 
 def problems(config: Config) -> list[Problem]:
     """All rules that `config` breaks, on any machine; an empty list where it is sound."""
-    return [*_game(config), *_learning(config), *_selfplay(config), *_training(config), *_run(config)]
+    return [*_flight(config), *_game(config), *_learning(config), *_selfplay(config), *_training(config), *_run(config)]
 
 
 def memory_problems(config: Config) -> list[Problem]:
@@ -154,6 +154,15 @@ def machine_bytes() -> int | None:
         return min(total, int(_CGROUP.read_text()))
     except (OSError, ValueError):  # no cgroup v2, or no limit ("max")
         return total
+
+
+def _flight(config: Config) -> Iterator[Problem]:
+    if config.sim.mjcf and config.sim.body != "isaac":
+        yield Problem(
+            ("sim.body", "sim.mjcf"),
+            f"sim.body = {config.sim.body} is a mass and inertia for the package's drone; "
+            "with sim.mjcf both come out of the file: leave sim.body out",
+        )
 
 
 def _game(config: Config) -> Iterator[Problem]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from drones import SMALL, write
 
 import dronecombat_jax
 from dronecombat_jax import arena, cli, flags, report, runs, settings
@@ -35,7 +36,7 @@ def rooms(monkeypatch, tmp_path):
         return call
 
     stand_in(dronecombat_jax, "backend", prepare=record("prepare"), cores=lambda: 2)
-    stand_in(dronecombat_jax, "doctor", doctor=record("doctor", 2))
+    stand_in(dronecombat_jax, "doctor", doctor=record("doctor", 2), doctor_mjcf=record("doctor_mjcf"))
     stand_in(runs, "training", train=record("train", EXIT_STOPPED))
     match = lambda *asked: ("match", *asked)
     stand_in(runs, "evaluation", evaluate=record("evaluate"), Match=match)
@@ -99,6 +100,19 @@ def test_a_fork_is_a_new_run_from_a_named_one(rooms):
     (_, config, *origin), (_, _, *second) = (call for call in rooms.calls if call[0] == "train")
     assert (config.run.name, config.train.seed, *origin) == ("new", 7, "old", None)
     assert second == ["ippo-duel", 3]
+
+
+def test_an_own_drone_is_named_by_its_whole_path_and_read_before_there_is_a_run(rooms, capsys, tmp_path):
+    """A run is gone on with, and looked at, from any folder."""
+    write(tmp_path)
+    assert trained(rooms, "--sim.mjcf", "drone.xml").sim.mjcf == str(tmp_path / "drone.xml")
+    write(tmp_path, SMALL, ("<freejoint/>", ""), name="fixed.xml")
+    for name, words in (("x2.xml", "no such file (MJCF files in"), ("fixed.xml", "no free joint")):
+        rooms.calls.clear()
+        assert cli.main(["train", "--sim.mjcf", name]) == EXIT_CONFIG
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"error: sim.mjcf: {tmp_path / name}: {words}")
+        assert [call[0] for call in rooms.calls] == ["prepare"]
 
 
 def test_a_preset_may_be_a_file(rooms, tmp_path):
@@ -246,7 +260,8 @@ def test_a_wrong_evaluation_is_one_line(rooms, capsys, tmp_path, args, code, mes
 
 def test_doctor_gives_its_own_exit_code(rooms):
     assert cli.main(["doctor"]) == 2
-    assert rooms.calls == [("doctor",)]
+    assert cli.main(["doctor", "--mjcf", "x2.xml"]) == 0
+    assert rooms.calls == [("doctor",), ("doctor_mjcf", "x2.xml")]
 
 
 # The program around the commands

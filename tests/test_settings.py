@@ -354,6 +354,7 @@ def test_windows_line_ends_are_fine(toml):
         # 8 environments, one of them for the attacker alone: 7 * 24 = 168 steps
         ({"train.num_envs": 8, "learn.minibatches": 64, "train.solo_share": 0.1}, "--train.solo-share: ", "7 environments and 168 steps"),
         ({"train.num_envs": 1, "train.solo_share": 0.6}, "--train.solo-share: ", "0 environments and 0 steps"),
+        ({"sim.body": "p250", "sim.mjcf": "x2.xml"}, "--sim.body: ", "with sim.mjcf both come out of the file"),
         ({"learn.min_learning_rate": 0.1}, "--learn.min-learning-rate: ", "0.1, 0.0003, 0.01"),
         ({"learn.learning_rate": 0.1}, "--learn.learning-rate: ", "must hold"),
         ({"learn.min_log_std": 1.0}, "--learn.min-log-std: ", "must hold, but they are 1, 0, 2"),

@@ -11,12 +11,14 @@ import numpy as np
 
 from dronecombat_jax.arena.match import fight, policy_pilot, start_fights
 from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.learn.rollout import policy_of, select
 from dronecombat_jax.runs.atomic import write_atomic
+from dronecombat_jax.runs.policy import as_flown
 from dronecombat_jax.runs.records import ENDINGS
 from dronecombat_jax.runs.resume import load_state, newest_start
 from dronecombat_jax.runs.rundir import RunDirectory
@@ -31,19 +33,22 @@ class SavedRun(NamedTuple):
     combat: Combat
     iteration: int
     state: TrainState  # NumPy leaves [S, ...]
+    met: dict[str, Any]  # the environment that it was trained in (`combat.fingerprint`)
 
 
 def load_run(path: Path, chunk: int | None = None) -> SavedRun:
     """Read a checkpoint (`chunk` 0: untrained; None: the newest) and the configuration it was made with. UserError 3."""
     start = newest_start(RunDirectory(path), chunk)
     combat = Combat(start.config)
-    return SavedRun(start.config, combat, start.iteration, load_state(start, combat, pools=False))
+    met = start.meta.get("environment") or environment(start.config, combat.scene)
+    return SavedRun(start.config, combat, start.iteration, load_state(start, combat, pools=False), met)
 
 
 def policies(run: SavedRun, seed_index: int) -> tuple[Policy, Policy]:
-    """Defender's and attacker's policy of one of the run's seeds."""
+    """Defender's and attacker's policy of one of the run's seeds, as they are flown."""
     learners = jax.tree.map(lambda leaf: leaf[seed_index], run.state.learners)
-    return policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
+    of_role = lambda role: as_flown(policy_of(select(learners, role)), run.config.learn)
+    return of_role(DEFENDER), of_role(ATTACKER)
 
 
 class Match(NamedTuple):
@@ -118,6 +123,9 @@ def evaluate(
     run = load_run(path, chunk)
     own_fights = run.config.run.evaluation_fights if own_fights is None else own_fights
     match = match._replace(fights=match.fights or own_fights)
+    if changed := environment_diff(run.met, environment(run.config, run.combat.scene)):
+        told = "; ".join(changed)
+        print(f"note: trained in another environment than the one here: {told}", flush=True)
     steps = run.iteration * run.config.steps_per_iteration
     told = match._asdict().items()
     written = lambda name, value: value != "" and name not in ("fights", "seed")

@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-# Settings that may change when a run goes on; every other one makes it a different run.
-MAY_CHANGE = ("train.total_steps", "run.")
+NO_CHANGE = ("train.total_steps", "run.")  # settings that make no other run
+# Settings that may change when a run goes on; every other one makes it a different run. A scene's
+# file may have been moved: what it says is compared as the environment (`provenance`).
+MAY_CHANGE = (*NO_CHANGE, "sim.mjcf")
 
 
 class Start(NamedTuple):
@@ -99,12 +101,19 @@ def newest_start(run: RunDirectory, chunk: int | None = None) -> Start:
     return start if step == start.iteration else read_start(run, step)
 
 
-def difference(stored: Config, config: Config) -> list[str]:
-    """What `config` changes of a run that was made with `stored`, one phrase for each setting that must stay."""
+def difference(
+    stored: Config,
+    config: Config,
+    apart_from: tuple[str, ...] = MAY_CHANGE,
+) -> list[str]:
+    """What `config` changes of a run made with `stored`, one phrase for each setting.
+
+    `apart_from`: what settings begin with that may change without a word.
+    """
     return [
         f"{key} was {shown(old)}, now {shown(new)}"
         for key, old, new in settings.diff(stored, config)
-        if not key.startswith(MAY_CHANGE)
+        if not key.startswith(apart_from)
     ]
 
 

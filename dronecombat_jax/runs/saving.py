@@ -23,6 +23,7 @@ class Saver:
         self.run, self.config, self.progress, self.more_meta = run, config, progress, more_meta
         self.refused: UserError | None = None
         self._players = Players(run.checkpoints)
+        self.met: dict[str, Any] | None = None  # the environment that is flown, once it is loaded
 
     def save(self, state: Any) -> None:
         """Save `state` (NumPy leaves); the step is the number of iterations done.
@@ -47,7 +48,7 @@ class Saver:
     def save_now(self, state: Any) -> None:
         """Save or raise: a run's first checkpoint, without which it must not start."""
         iteration = int(state.iteration[0])
-        meta = describe(self.config, iteration) | self.more_meta
+        meta = describe(self.config, iteration, self.met) | self.more_meta
         filled = filled_slots(iteration, self.config.train.chunk_iterations)
         state, roster = self._players.store(state, filled)
         checkpoint.save(self.run.checkpoints, iteration, state, meta, players=roster)

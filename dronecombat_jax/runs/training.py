@@ -151,10 +151,13 @@ def _prepare(
     import jax
 
     from dronecombat_jax.combat.env import Combat
+    from dronecombat_jax.combat.fingerprint import environment
     from dronecombat_jax.selfplay.chunk import build_advance, init_state
     from dronecombat_jax.selfplay.mesh import place
 
     combat = Combat(config)
+    if saver:
+        saver.met = environment(config, combat.scene)
     with processes.together():
         mesh = seed_devices(config)
         if run and saver:
@@ -176,7 +179,7 @@ def _first_state(run: RunDirectory, config: Config, start: Start | None, saver: 
     if start is None:
         state = jax.jit(lambda: init_state(combat))()
     else:
-        for note in check_meta(start, config):
+        for note in check_meta(start, config, saver.met):
             saver.progress.message(note)
         state = (fork.forked_state if start.changed else restored_state)(start, config, combat)
     state = jax.device_get(state)

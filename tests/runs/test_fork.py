@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
+from drones import write
 from toy import CHUNK, CONFIG, Coasting, assert_same_bits
 
 from dronecombat_jax.config import Config, SelfPlayConfig
@@ -49,6 +50,13 @@ def test_a_fork_without_a_change_is_a_copy_of_the_newest_or_of_a_chunk(parent):
     assert_same_bits(state, parent.newest)
     start, state = forked(parent, parent.config, chunk=1)
     assert start.iteration == CHUNK and int(state.iteration[0]) == CHUNK
+
+
+def test_another_drone_is_a_change_that_is_listed(parent, tmp_path):
+    file = str(write(tmp_path))
+    start, state = forked(parent, change(parent.config, "sim.mjcf", file))
+    assert start.changed == (f'sim.mjcf was "", now "{file}"',)
+    assert not np.any(state.env.qvel)  # all fights begin anew
 
 
 def test_what_changes_is_listed_and_the_rest_of_the_state_is_kept(parent):

@@ -3,6 +3,7 @@
 The programs are the toy's; what a user's process does is in `test_training` and `test_kills`.
 """
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,10 +12,12 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from drones import SMALL, write
 from toy import CHUNK, CONFIG, Coasting, assert_same_bits, build
 
 from dronecombat_jax import settings
-from dronecombat_jax.config import Config, SelfPlayConfig
+from dronecombat_jax.combat.fingerprint import digest_of, environment
+from dronecombat_jax.config import Config, SelfPlayConfig, SimConfig
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.runs import checkpoint, provenance
 from dronecombat_jax.runs.evaluation import load_run
@@ -23,8 +26,11 @@ from dronecombat_jax.runs.past_players import Players, emptied, filled_slots
 from dronecombat_jax.runs.provenance import check_meta, describe
 from dronecombat_jax.runs.resume import Start, find_start, read_start, restored_state
 from dronecombat_jax.runs.rundir import RunDirectory
+from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.runs.state import flatten, match_template
 from dronecombat_jax.selfplay.chunk import init_state
+from dronecombat_jax.sim import source
+from dronecombat_jax.sim.scene import load_scene
 from dronecombat_jax.types import TrainState
 
 HALF, WHOLE = 3 * CHUNK, 6 * CHUNK  # iterations
@@ -168,6 +174,7 @@ EDITS = {
     "train.total_steps": 4000,
     "run.name": "another",
     "run.figures": False,
+    "sim.mjcf": "/moved/drone.xml",  # what it says is compared, not where it lies
 }
 
 
@@ -177,7 +184,7 @@ def test_what_may_change_of_a_run_and_what_needs_a_fork(tmp_path, key):
     checkpoint.save(directory.checkpoints, 4, {"a": np.ones(2)}, describe(CONFIG, 4))
     section, name = key.split(".")
     config = replace(CONFIG, **{section: replace(getattr(CONFIG, section), **{name: EDITS[key]})})
-    if key.startswith(("run.", "train.total_steps")):
+    if key.startswith(("run.", "train.total_steps", "sim.mjcf")):
         start = find_start(directory, config)
         assert start is not None and start.iteration == 4
         return
@@ -217,6 +224,48 @@ def test_another_environment_under_the_same_settings_is_refused_with_what_differ
     assert 'game.episode_steps is 21 there, 20 here; observation_fields is [["p_d", 3]] there' in caught.value.message
     assert "--fork NEW_NAME" in caught.value.message and "\n" not in caught.value.message
     assert check_meta(other._replace(changed=("no setting",)), CONFIG) == []  # a fork may
+
+
+def test_an_edited_scene_is_refused_with_what_differs(start, tmp_path, monkeypatch):
+    """The package's MJCF, edited where it stands: the settings are the same, the physics is not."""
+    folder = shutil.copytree(source.find_mjcf_dir(), tmp_path / "mjcf")
+    file = folder / "combat.xml"
+    file.write_text(file.read_text().replace('mass="0.0282"', 'mass="1.325"'))
+    monkeypatch.setattr(source, "find_mjcf_dir", lambda: folder)
+    with pytest.raises(CheckpointError) as caught:
+        check_meta(start, CONFIG)
+    assert "scene.defender.mass is the package's own there, 1.325 here" in caught.value.message
+    assert "--fork NEW_NAME" in caught.value.message and "\n" not in caught.value.message
+    assert check_meta(start._replace(changed=("no setting",)), CONFIG) == []  # a fork may
+
+
+def test_an_own_drone_that_was_moved_goes_on_and_one_that_was_edited_does_not(tmp_path):
+    here = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path))))
+    start = Start(tmp_path, 4, here, describe(here, 4))
+    moved = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path, name="moved.xml"))))
+    assert check_meta(start, moved) == []
+    edited = write(tmp_path, SMALL, ('density="1.225"', 'density="1"'), name="edited.xml")
+    with pytest.raises(CheckpointError, match=r"scene.density is 1.225 there, 1.0 here"):
+        check_meta(start, replace(CONFIG, sim=SimConfig(mjcf=str(edited))))
+    with pytest.raises(CheckpointError, match=r"scene.attacker.mass is 0.027 there, the package's own here"):
+        check_meta(start, CONFIG)
+    with pytest.raises(UserError, match=r"sim.mjcf: .*gone.xml: no such file .*drone.xml, edited.xml, moved.xml"):
+        check_meta(start, replace(CONFIG, sim=SimConfig(mjcf=str(tmp_path / "gone.xml"))))
+
+
+def test_a_scene_that_is_edited_or_lost_while_it_flies_is_saved_as_it_flies(tmp_path):
+    """A training flies the scene that it loaded; a lost file must not cost a checkpoint."""
+    config = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path))))
+    saver = Saver(RunDirectory(tmp_path), config, None, {})
+    saver.met = environment(config, load_scene(config.sim))
+    for edit in (("0.027", "0.05"), None):
+        (tmp_path / "drone.xml").unlink() if edit is None else write(tmp_path, SMALL, edit)
+        iteration = np.array([2 if edit else 4], np.int32)
+        saver.save_now(init_state(Coasting(CONFIG)).replace(iteration=iteration))
+    for iteration in (2, 4):
+        meta = read_start(RunDirectory(tmp_path), iteration).meta
+        assert meta["environment"]["scene.defender.mass"] == 0.027
+        assert meta["environment_digest"] == digest_of(meta["environment"])
 
 
 def test_other_random_numbers_are_refused_and_another_jax_is_told(start, monkeypatch):

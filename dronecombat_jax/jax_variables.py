@@ -4,6 +4,7 @@ What does not live here: what this package itself sets (`backend`). Nothing at m
 JAX, which reads its variables once, while it is imported.
 """
 
+import contextlib
 import os
 import sys
 from collections.abc import Mapping
@@ -12,6 +13,7 @@ from dronecombat_jax.errors import UserError
 
 # JAX's own values, without which nothing here works, and the words that do no harm.
 OFF, ON = (("0", "n", "no", "f", "false", "off"), ("1", "y", "yes", "t", "true", "on"))
+CHECKS = ("ignore", ("ignore",))
 TRANSFERS = ("allow", ("allow", "log", "log_explicit"))
 FIXED: dict[str, tuple[bool | str, tuple[str, ...]]] = {
     "JAX_ENABLE_X64": (False, OFF),
@@ -23,6 +25,9 @@ FIXED: dict[str, tuple[bool | str, tuple[str, ...]]] = {
     "JAX_TRANSFER_GUARD_HOST_TO_DEVICE": TRANSFERS,
     "JAX_TRANSFER_GUARD_DEVICE_TO_HOST": TRANSFERS,
     "JAX_TRANSFER_GUARD_DEVICE_TO_DEVICE": TRANSFERS,
+    "JAX_ERROR_CHECKING_BEHAVIOR_NAN": CHECKS,
+    "JAX_ERROR_CHECKING_BEHAVIOR_DIVIDE": CHECKS,
+    "JAX_ERROR_CHECKING_BEHAVIOR_OOB": CHECKS,
 }
 # With these JAX starts: its cache, and who meets whom (`processes.join` checks that).
 HARMLESS = (
@@ -44,7 +49,8 @@ def fix() -> None:
         print(f"note: {note}", file=sys.stderr)
         del os.environ[name]
         if "jax" in sys.modules:  # it has read the environment already
-            sys.modules["jax"].config.update(name.lower(), value)
+            with contextlib.suppress(AttributeError):  # this version of it knows no such setting
+                sys.modules["jax"].config.update(name.lower(), value)
 
 
 def set_by_user(ours: Mapping[str, str]) -> str:

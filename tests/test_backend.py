@@ -174,6 +174,7 @@ print((jnp.arange(2) + jnp.ones((2, 2)) * 0.5).dtype, jax.jit(lambda x: isinstan
         ("JAX_DISABLE_JIT", "true", False),
         ("JAX_USE_SHARDY_PARTITIONER", "0", False),
         ("JAX_TRANSFER_GUARD", "disallow", True),
+        ("JAX_ERROR_CHECKING_BEHAVIOR_NAN", "raise", False),
     ],
 )
 def test_numbers_are_float32_whatever_is_set(tmp_path, name, value, before):

@@ -15,6 +15,7 @@ from dronecombat_jax.runs import checkpoint, fork
 from dronecombat_jax.runs.provenance import describe
 from dronecombat_jax.runs.resume import Start
 from dronecombat_jax.runs.rundir import RunDirectory
+from dronecombat_jax.schema import shown
 from dronecombat_jax.selfplay.chunk import init_state
 from dronecombat_jax.types import TrainState
 
@@ -55,7 +56,7 @@ def test_a_fork_without_a_change_is_a_copy_of_the_newest_or_of_a_chunk(parent):
 def test_another_drone_is_a_change_that_is_listed(parent, tmp_path):
     file = str(write(tmp_path))
     start, state = forked(parent, change(parent.config, "sim.mjcf", file))
-    assert start.changed == (f'sim.mjcf was "", now "{file}"',)
+    assert start.changed == (f'sim.mjcf was "", now {shown(file)}',)
     assert not np.any(state.env.qvel)  # all fights begin anew
 
 

@@ -241,7 +241,7 @@ def test_an_edited_scene_is_refused_with_what_differs(start, tmp_path, monkeypat
 
 def test_an_own_drone_that_was_moved_goes_on_and_one_that_was_edited_does_not(tmp_path):
     here = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path))))
-    start = Start(tmp_path, 4, here, describe(here, 4))
+    start = Start(tmp_path, Manifest(4, "", (), (), describe(here, 4)), here)
     moved = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path, name="moved.xml"))))
     assert check_meta(start, moved) == []
     edited = write(tmp_path, SMALL, ('density="1.225"', 'density="1"'), name="edited.xml")

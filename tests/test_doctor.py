@@ -87,7 +87,11 @@ def test_doctor_says_why_a_drones_file_cannot_be_flown(tmp_path, capsys):
 def test_doctor_fails_where_the_flights_part(tmp_path, capsys, monkeypatch):
     """As if the game left the fluid out."""
     plain = side_by_side.build_step
-    still = lambda sim, scene: plain(sim, replace(scene, flown=replace(scene.flown, density=0.0, viscosity=0.0)))
+
+    def still(sim, scene):
+        flown = replace(scene.flown, density=0.0, viscosity=0.0)
+        return plain(sim, replace(scene, flown=flown))
+
     monkeypatch.setattr(side_by_side, "build_step", still)
     assert doctor.doctor_mjcf(str(write(tmp_path))) == EXIT_CONFIG
     out = capsys.readouterr().out

@@ -14,9 +14,11 @@ from dronecombat_jax.config import Config, GameConfig, LearnConfig, RewardConfig
 from dronecombat_jax.sim import source
 from dronecombat_jax.sim.flown import package_scene
 from dronecombat_jax.sim.scene import load_scene
+from dronecombat_jax.types import ROLES
 
 NOT_MET = ("game.random_clock", "sim.mjcf")  # what an MJCF says is met, wherever it lies
-GAME_SETTINGS = [key for key in settings.SCHEMA if key.startswith(("sim.", "game.")) and key not in NOT_MET]
+GAME = ("sim.", "game.")
+GAME_SETTINGS = [key for key in settings.SCHEMA if key.startswith(GAME) and key not in NOT_MET]
 # As released with commit 87207b8: old runs resume, old policy files fly, old tournaments go on.
 GOLDEN = {
     "isaac": "a0cabf39930b8c88061e05d8120d1e5c794c74a9e37e1818b2d3bceb77137d5e",
@@ -24,17 +26,23 @@ GOLDEN = {
     "menagerie": "c8fd5097b5ee755bc085b59f6b06609370116d4c4ad67e87b16c6a46dc1c622c",
     "p250": "2c1ee334b9dbeadb9965a7696c970f972a0f015ca3a3f47441e7dd8ce4432947",
 }
+
+
+def of_both(**values) -> dict:
+    return {f"scene.{role}.{key}": value for role in ROLES for key, value in values.items()}
+
+
 EDITS = {
-    "mass": ('mass="0.0282"', 'mass="1.325"', {"scene.defender.mass": 1.325, "scene.attacker.mass": 1.325}),
+    "mass": ('mass="0.0282"', 'mass="1.325"', of_both(mass=1.325)),
     "inertia": (
         "2.1236e-5 2.1320e-5 3.5412e-5",
         "2.2e-5 2.1320e-5 3.5412e-5",
-        {f"scene.{role}.inertia": [2.2e-5, 2.1320e-5, 3.5412e-5] for role in ("defender", "attacker")},
+        of_both(inertia=[2.2e-5, 2.1320e-5, 3.5412e-5]),
     ),
     "products of inertia": (
         'diaginertia="2.1236e-5 2.1320e-5 3.5412e-5"',
         'fullinertia="2.1e-5 2.2e-5 3.5e-5 1e-6 0 0"',
-        {f"scene.{role}.inertia": [2.1e-5, 2.2e-5, 3.5e-5, 1e-6, 0, 0] for role in ("defender", "attacker")},
+        of_both(inertia=[2.1e-5, 2.2e-5, 3.5e-5, 1e-6, 0, 0]),
     ),
     "gravity": ("-9.81", "-3.71", {"scene.gravity": 3.71}),
     "fluid": ("<option ", '<option density="1.2" ', {"scene.density": 1.2, "scene.viscosity": 0.0}),
@@ -93,11 +101,12 @@ def test_an_edit_that_sim_body_replaces_is_not_met(edited):
 
 
 def test_an_own_drone_is_known_by_its_numbers_and_not_by_its_place(tmp_path):
-    """Its environment is the same wherever it lies; with the package's numbers it is the package's game."""
+    """Wherever it lies it is the same game; with the package's numbers it is the package's."""
     (tmp_path / "moved").mkdir()
-    here, there = (Config(sim=SimConfig(mjcf=str(write(folder)))) for folder in (tmp_path, tmp_path / "moved"))
-    assert environment(here) == environment(there)
-    assert environment(here)["scene.attacker.mass"] == 0.027 and environment(here)["scene.density"] == 1.225
+    folders = tmp_path, tmp_path / "moved"
+    first, moved = (environment(Config(sim=SimConfig(mjcf=str(write(at))))) for at in folders)
+    assert first == moved
+    assert first["scene.attacker.mass"] == 0.027 and first["scene.density"] == 1.225
     same = write(
         tmp_path,
         SMALL,
@@ -110,11 +119,11 @@ def test_an_own_drone_is_known_by_its_numbers_and_not_by_its_place(tmp_path):
 
 
 def test_axes_of_drag_are_part_of_the_game(tmp_path):
-    """Two drones of one inertia tensor, whose boxes differ: two equal moments, and axes turned in their plane."""
+    """One inertia tensor, two boxes: two equal moments, and axes turned in their plane."""
     tilted = ('pos="0 0 0" mass', 'pos="0 0 0" quat="0.9238795 0.3826834 0 0" mass')
     other = ('pos="0 0 0" mass', 'pos="0 0 0" quat="0.9238795 0.3826834 0 0.1" mass')
-    ones = [environment(Config(sim=SimConfig(mjcf=str(write(tmp_path, SMALL, turn))))) for turn in (tilted, other)]
-    assert "scene.defender.axes" in ones[0] and ones[0] != ones[1]
+    met = lambda turn: environment(Config(sim=SimConfig(mjcf=str(write(tmp_path, SMALL, turn)))))
+    assert "scene.defender.axes" in met(tilted) and met(tilted) != met(other)
 
 
 def other_value(key: str):

@@ -177,11 +177,12 @@ def test_runs_of_an_edited_scene_do_not_meet_those_of_the_scene_before(home: Pat
     error = refusal([home / "ten", other])
     assert error.exit_code == EXIT_DATA and "heavy 1, heavy 2 trained in another game" in error.message
     assert "scene.attacker.mass is 1.325 there, the package's own here" in error.message
-    assert refusal([other, home / "ten"]).message == error.message  # the game is that of whom it can be flown for
+    # The game is that of those for whom it can be flown.
+    assert refusal([other, home / "ten"]).message == error.message
 
 
 def test_a_policy_of_an_own_drone_flies_where_its_mjcf_is_named(tmp_path: Path):
-    """By the run that it is of, wherever that stands, or by its file; without it is said what differs."""
+    """By a run of that drone, in any place, or by its file; else it is said what differs."""
     own = replace(TOY, sim=SimConfig(mjcf=str(write(tmp_path))))
     run = write_run(tmp_path / "own", own, chunks=1)
     file = tmp_path / "mine.safetensors"

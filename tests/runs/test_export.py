@@ -34,7 +34,7 @@ CONFIG = Config(
 
 
 def begun(path, config: Config, steps: tuple[int, ...], log_std=None, meta=None) -> SimpleNamespace:
-    """A run whose checkpoints hold random numbers, and `log_std` [4] in the place of that parameter."""
+    """A run whose checkpoints hold random numbers, and `log_std` [4] where it is given."""
     (path / "checkpoints").mkdir(parents=True)
     (path / "config.toml").write_text(settings.to_toml(config))
     shapes = jax.eval_shape(lambda: init_state(Combat(config)))
@@ -87,7 +87,7 @@ def test_the_file_holds_the_policy_that_was_asked_for(run, here, capsys, role, a
     assert NumpyPolicy("out.safetensors")(seen) == pytest.approx(ours, rel=1e-5, abs=1e-5)
 
 
-BOUNDS = {  # of a run, what its parameter is, and what it draws with; the first is the examination's
+BOUNDS = {  # of a run, its parameter, and what it draws with
     "below": ((-1.0, 2.0), [-1.0127, -1.0127, -0.9758, -1.0127], [-1.0, -1.0, -0.9758, -1.0]),
     "above": ((-20.0, 0.5), [0.6, 0.5, 0.4, -3.0], [0.5, 0.5, 0.4, -3.0]),
     "wider than the default": ((-20.0, 10.0), [5.0, 2.5, 0.0, -20.0], [5.0, 2.5, 0.0, -20.0]),
@@ -96,7 +96,7 @@ BOUNDS = {  # of a run, what its parameter is, and what it draws with; the first
 
 @pytest.mark.parametrize("case", BOUNDS)
 def test_file_and_run_draw_with_the_log_std_that_was_flown(here, case):
-    """A parameter outside of its bounds, as older checkpoints may hold: a file, a tournament and an evaluation agree."""
+    """Also for a parameter outside of its bounds, as older checkpoints may hold."""
     (low, high), parameter, flown = BOUNDS[case]
     config = replace(CONFIG, learn=replace(CONFIG.learn, min_log_std=low, max_log_std=high))
     run = begun(here / "run", config, (0, 2), log_std=parameter)
@@ -118,7 +118,7 @@ def test_file_and_run_draw_with_the_log_std_that_was_flown(here, case):
 
 
 def test_within_its_bounds_a_player_keeps_its_identity(run):
-    """Tournaments that were flown before go on: the digest is that of the parameters as they are saved."""
+    """Older tournaments go on: the digest is that of the parameters as they are saved."""
     saved = policy_of(jax.tree.map(lambda leaf: leaf[1, 1], run.states[2].learners))
     assert find(str(run.path)).contenders[3].entrant.identity == identity_of(saved, True)
 

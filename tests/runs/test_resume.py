@@ -232,13 +232,14 @@ def test_an_own_drone_that_was_moved_goes_on_and_one_that_was_edited_does_not(tm
 
 
 def test_a_scene_that_is_edited_or_lost_while_it_flies_is_saved_as_it_flies(tmp_path):
-    """The state of a training is that of the scene it loaded, and a lost file must not cost a checkpoint."""
+    """A training flies the scene that it loaded; a lost file must not cost a checkpoint."""
     config = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path))))
     saver = Saver(RunDirectory(tmp_path), config, None, {})
     saver.met = environment(config, load_scene(config.sim))
     for edit in (("0.027", "0.05"), None):
         (tmp_path / "drone.xml").unlink() if edit is None else write(tmp_path, SMALL, edit)
-        saver.save_now(init_state(Coasting(CONFIG)).replace(iteration=np.array([2 if edit else 4], np.int32)))
+        iteration = np.array([2 if edit else 4], np.int32)
+        saver.save_now(init_state(Coasting(CONFIG)).replace(iteration=iteration))
     for iteration in (2, 4):
         meta = read_start(RunDirectory(tmp_path), iteration).meta
         assert meta["environment"]["scene.defender.mass"] == 0.027

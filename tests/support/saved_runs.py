@@ -24,7 +24,7 @@ def write_run(
     seed: int = 0,
     met: dict[str, Any] | None = None,
 ) -> Path:
-    """Checkpoints after `chunks` chunks (0, untrained, among them, or those of a range) of a run at `path`.
+    """A run at `path`: checkpoints after `chunks` chunks (0, untrained, too; or those of a range).
 
     `met`: the environment that they say they were trained in; None: that of `config`.
     """

@@ -19,6 +19,7 @@ OURS = (
     "DISPLAY",
     "DRONECOMBAT_CACHE",
     "MUJOCO_GL",
+    "PYOPENGL_PLATFORM",  # set by MuJoCo, where an earlier test of this process has drawn
     "TF_CPP_MIN_LOG_LEVEL",
     "WAYLAND_DISPLAY",
     "XLA_FLAGS",

@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 ARGS ?=
+RUN ?=
 PEERS_VENV ?= .venv-peers
 RUNS ?= $(wildcard runs/ippo runs/sippo)
 
@@ -13,7 +14,7 @@ install = echo "installing packages into $(1); what pip says is in $(1)/install.
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo tournament report test test-slow check format bench bench-scaling bench-peers clean
+.PHONY: help train-ippo train-sippo tournament report replay test test-slow check format bench bench-scaling bench-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -30,6 +31,9 @@ tournament: $(VENV)/.runtime ## all checkpoints of runs/ippo and runs/sippo, tho
 
 report: $(VENV)/.runtime ## draw a tournament (ARGS=its folder or name)
 	$(BIN)/dronecombat report $(ARGS)
+
+replay: $(VENV)/.runtime ## a page that replays the last run's fights, in a browser if there is one (RUN=name, ARGS="--evolution")
+	$(BIN)/dronecombat replay $(RUN) --open $(ARGS)
 
 # A file of tests goes to one of two processes, and shares there what it compiles.
 test: $(VENV)/.dev ## the fast tests, in two processes (ARGS="-n 0": in one)
@@ -58,7 +62,7 @@ bench-peers: $(PEERS_VENV)/.peers ## measure other learners on the same game bes
 	$(PEERS_VENV)/bin/python -m benchmarks.peers.compare $(ARGS)
 
 clean: ## remove the environment and every cache; runs/ stays
-	rm -rf $(VENV) $(PEERS_VENV) .cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist
+	rm -rf $(VENV) $(PEERS_VENV) viewer/node_modules .cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist
 	find dronecombat_jax tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The stamps are newer than what they were made from, or the environment is made anew.

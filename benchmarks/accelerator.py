@@ -19,6 +19,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
+from benchmarks.patience import Hung
 from benchmarks.record import provenance
 from benchmarks.size import TINY, Size
 from benchmarks.tables import table
@@ -48,7 +49,10 @@ def main() -> None:
     size = replace(TINY if flags.tiny else Size(), device=flags.device)
     orders = [("iteration", word, trained(size, word)) for word in flags.training]
     orders += [("step", str(count), replace(size, num_envs=count)) for count in flags.flying]
-    record = provenance() | {"device": flags.device, "rows": build_and_measure(orders, flags)}
+    try:
+        record = provenance() | {"device": flags.device, "rows": build_and_measure(orders, flags)}
+    except Hung as hung:
+        raise SystemExit(f"error: {hung}") from None
     record["seconds"] = time.monotonic() - begun
     flags.json.parent.mkdir(parents=True, exist_ok=True)
     flags.json.write_text(json.dumps(record, indent=1) + "\n")

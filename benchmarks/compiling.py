@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 
+from benchmarks import patience
 from benchmarks.worker import Part, Program
 
 Mesh = jax.sharding.Mesh
@@ -43,4 +44,5 @@ def compile_timed(
     start = time.perf_counter()
     program = jax.jit(function, donate_argnums=donate).lower(*arguments).compile()
     part.compile_seconds[name] = time.perf_counter() - start
+    patience.alive()
     return program

@@ -15,6 +15,7 @@ import time
 
 CALLS = 6
 ITERATIONS = 2  # of a call
+LIMIT_SECONDS = 600.0  # of a process: one that hangs is killed
 
 
 def main() -> None:
@@ -34,7 +35,8 @@ def main() -> None:
     for _ in range(args.repeats):
         for mesh in args.meshes:
             command = [sys.executable, __file__, "--one", mesh, "--set", *args.set]
-            rate, cpu = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout.splitlines()[-1])
+            done = subprocess.run(command, check=True, stdout=subprocess.PIPE, timeout=LIMIT_SECONDS)
+            rate, cpu = json.loads(done.stdout.splitlines()[-1])
             old = best.get(mesh, (0.0, float("inf")))
             best[mesh] = max(old[0], rate), min(old[1], cpu)
     for mesh, (rate, cpu) in best.items():

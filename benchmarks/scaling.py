@@ -5,17 +5,20 @@
 
 Every size is a part of the benchmark (`worker`) at another size, in a process of its own, one after the other: its
 programs are compiled, called once and then repeated. Peak memory is that of the process, compiler and all. Sizes that
-need more memory than there is are left out and named. Prints Markdown tables and writes a JSON file.
+need more memory than there is, and sizes that hang (`patience`), are left out and named; the exit code
+is 1 where a size has hung. Prints Markdown tables and writes a JSON file.
 """
 
 import argparse
 import json
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from benchmarks.patience import Hung
 from benchmarks.record import Load, provenance, summary
 from benchmarks.size import TINY, Size
 from benchmarks.tables import head, spread, table
@@ -63,8 +66,8 @@ SWEEPS = {
 }
 
 
-def main() -> None:
-    """Read the flags, measure, print the tables."""
+def main() -> int:
+    """Read the flags, measure, print the tables; 0 if nothing has hung."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--only", nargs="+", choices=SWEEPS, default=list(SWEEPS), metavar="SWEEP", help=", ".join(SWEEPS)
@@ -89,6 +92,7 @@ def main() -> None:
     flags.json.write_text(json.dumps(record, indent=1) + "\n")
     print(markdown(record))
     say(f"written to {flags.json}")
+    return 1 if any(row.get("hung") for rows in record["sweeps"].values() for row in rows) else 0
 
 
 def measure(name: str, size: Size, value: int, repetitions: int, cache: Path | None = None) -> dict[str, Any]:
@@ -97,9 +101,13 @@ def measure(name: str, size: Size, value: int, repetitions: int, cache: Path | N
     say(f"{sweep.title}: {value}")
     if there is not None and value * sweep.mib_each * 2**20 > 0.8 * there:
         return {"value": value, "left_out": "would not fit into this machine's memory"}
-    with Worker(sweep.part, sweep.sized(size, value), cache) as worker:
-        rates = [worker.repeat() for _ in range(repetitions)]
-        ready = worker.ready
+    try:
+        with Worker(sweep.part, sweep.sized(size, value), cache) as worker:
+            rates = [worker.repeat() for _ in range(repetitions)]
+            ready = worker.ready
+    except Hung as hung:
+        say(str(hung))
+        return {"value": value, "left_out": str(hung), "hung": True}
     return {"value": value, **ready, "rates": {key: summary([one[key] for one in rates]) for key in rates[0]}}
 
 
@@ -126,4 +134,4 @@ def _table(name: str, rows: list[dict[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

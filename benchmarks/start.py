@@ -13,6 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from benchmarks.patience import Listener
 from benchmarks.worker import ROOT, end_tidily
 
 RUN = "start"
@@ -31,10 +32,11 @@ def first_line(preset: str, cache: Path, runs: Path, flags: tuple[str, ...] = ()
     """Start a training, wait for the first line that shows progress, and end it.
 
     Seconds since the command was given until it compiles, has compiled, and shows its first line; the compilation
-    itself as the command reports it. RuntimeError where training ends before it has shown anything.
+    itself as the command reports it. RuntimeError where training ends before it has shown anything;
+    `patience.Hung` where it hangs.
     """
     command = [sys.executable, "-m", "dronecombat_jax", "train", "--preset", preset, "--name", RUN]
-    command += ["--run.directory", str(runs), "--run.no-video", "--run.no-figures", *flags]
+    command += ["--run.directory", str(runs), "--run.no-video", "--run.no-replay", "--run.no-figures", *flags]
     ours = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
     ours |= {"DRONECOMBAT_CACHE": str(cache), "PYTHONUNBUFFERED": "1"}
     begun, seconds = time.monotonic(), {}
@@ -42,9 +44,9 @@ def first_line(preset: str, cache: Path, runs: Path, flags: tuple[str, ...] = ()
         tempfile.TemporaryFile("w+") as stderr,
         subprocess.Popen(command, cwd=ROOT, env=ours, stdout=subprocess.PIPE, stderr=stderr, text=True) as process,
     ):
-        assert process.stdout is not None
+        listener = Listener(process, "the start of training")
         try:
-            for line in process.stdout:
+            while line := listener.next_line():
                 now = time.monotonic() - begun
                 if line.startswith("compiling "):
                     seconds["compiling_at"] = now

@@ -68,6 +68,7 @@ def head(record: dict[str, Any]) -> str:
     lines.append(
         f"Median (minimum to maximum) of {record['repetitions']} repetitions; {record['seconds'] / 60:.1f} minutes in all."
     )
+    lines += [f"Left out: {message}." for message in record.get("hung", {}).values()]
     blas = record.get("parts", {}).get("numpy", {}).get("facts", {}).get("blas")
     if blas:
         lines.append(f"NumPy's BLAS: {blas}.")

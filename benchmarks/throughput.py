@@ -5,19 +5,22 @@
 
 Every part lives in a process of its own (`worker`), built one after the other with a cold compile cache. Then rounds:
 in each of them every part runs once, every other round in reverse order. All ratios are of figures of the same round,
-so that a shared host's drift hits both sides; medians, minima and maxima are over rounds. Prints the tables of
-docs/performance.md and writes everything to a JSON file. Needs about 8 GiB of free memory.
+so that a shared host's drift hits both sides; medians, minima and maxima are over rounds. A part
+that hangs is killed (`patience`), named and left out of the rest, and the exit code is then 1. Prints
+the tables of docs/performance.md and writes everything to a JSON file. Needs about 8 GiB of free memory.
 """
 
 import argparse
 import json
 import sys
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 from benchmarks import tables
+from benchmarks.patience import Hung
 from benchmarks.record import Load, provenance
 from benchmarks.results import derive
 from benchmarks.size import TINY, Size
@@ -32,8 +35,8 @@ PARTS = (
 DEFAULT_FILE = Path("build/bench.json")
 
 
-def main() -> None:
-    """Read the flags, measure, print the tables."""
+def main() -> int:
+    """Read the flags, measure, print the tables; 0 if no part has hung."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5, help="repetitions of everything (default %(default)s)")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, metavar="PART", help=", ".join(PARTS))
@@ -51,6 +54,7 @@ def main() -> None:
     flags.json.write_text(json.dumps(record, indent=1) + "\n")
     print(tables.markdown(record))
     say(f"written to {flags.json}; python -m benchmarks.tables {flags.json} prints the tables again")
+    return 1 if record["hung"] else 0
 
 
 def measure(parts: list[str], size: Size, rounds: int, cache: Path | None = None) -> dict[str, Any]:
@@ -60,28 +64,53 @@ def measure(parts: list[str], size: Size, rounds: int, cache: Path | None = None
         "size": json.loads(size.to_json()),
         "cold": cache is None,
         "repetitions": rounds,
+        "hung": {},
         "parts": {},
         "rounds": [],
     }
     if START in parts:
         say("start of dronecombat train, cold and warm")
-        record["start"] = starts()
+        with going_on(record, START):
+            record["start"] = starts()
     with ExitStack() as stack:
-        workers = []
+        workers: list[Worker] = []
         for name in parts:
             if name != START:
                 say(f"building {name}")
-                workers.append(stack.enter_context(Worker(name, size, cache)))
-                record["parts"][name] = workers[-1].ready
+                with going_on(record, name):
+                    workers.append(stack.enter_context(Worker(name, size, cache)))
+                    record["parts"][name] = workers[-1].ready
         for number in range(rounds if workers else 0):
             say(f"round {number + 1} of {rounds}")
-            rates = {}
+            record["rounds"].append({})
             for worker in workers if number % 2 == 0 else reversed(workers):
-                rates |= {f"{worker.name}/{program}": rate for program, rate in worker.repeat().items()}
-            record["rounds"].append(rates)
+                take_turn(record, worker)
     record["load"] = load.cores()
     record["seconds"] = time.monotonic() - begun
     return record | derive(record)
+
+
+def take_turn(record: dict[str, Any], worker: Worker) -> None:
+    """Let a part that has not hung run once, for the last round of the record."""
+    if worker.name in record["hung"]:
+        return
+    with going_on(record, worker.name):
+        rates = worker.repeat()
+        record["rounds"][-1] |= {f"{worker.name}/{name}": rate for name, rate in rates.items()}
+
+
+@contextmanager
+def going_on(record: dict[str, Any], part: str) -> Iterator[None]:
+    """Go on without a part that hangs: the record then says so, and keeps none of its figures."""
+    try:
+        yield
+    except Hung as hung:
+        say(f"{hung}: left out")
+        record["hung"][part] = str(hung)
+        record["parts"].pop(part, None)
+        for rates in record["rounds"]:
+            for name in [name for name in rates if name.startswith(f"{part}/")]:
+                del rates[name]
 
 
 def say(text: str) -> None:
@@ -90,4 +119,4 @@ def say(text: str) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

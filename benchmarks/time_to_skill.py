@@ -20,6 +20,7 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from benchmarks.patience import Watch
 from benchmarks.record import Load, provenance
 from benchmarks.start import COMPILED
 from benchmarks.tables import head, table
@@ -62,13 +63,13 @@ def main() -> None:
 def train(preset: str, seed: int, share: float, sustained: int, flags: list[str]) -> dict[str, Any]:
     """Train until the skill is there or the run is over; steps and seconds, None where it never was.
 
-    RuntimeError where the command fails.
+    RuntimeError where the command fails, and its subclass `patience.Hung` where it hangs.
     """
     with tempfile.TemporaryDirectory(prefix="dronecombat-bench-") as folder, tempfile.TemporaryFile("w+") as stderr:
         output, metrics = Path(folder) / "output", Path(folder) / "runs" / "skill" / "metrics.jsonl"
         command = [sys.executable, "-m", "dronecombat_jax", "train", "--preset", preset, "--seed", str(seed)]
         command += ["--name", "skill", "--run.directory", str(Path(folder) / "runs")]
-        command += ["--run.no-video", "--run.no-figures", *flags]
+        command += ["--run.no-video", "--run.no-replay", "--run.no-figures", *flags]
         begun = time.monotonic()
         with output.open("w") as stdout:
             process = subprocess.Popen(command, cwd=ROOT, stdout=stdout, stderr=stderr, env=_unbuffered())
@@ -127,6 +128,7 @@ def _watch(
     """Records as they come until the skill is there or the process ends; and when the first call began."""
     arrivals: list[Arrival] = []
     compiled, read = 0.0, 0
+    watch = Watch(process, "training")
     while True:
         ended = process.poll() is not None  # before the files are read: nothing can come after
         now = time.monotonic() - begun
@@ -137,12 +139,15 @@ def _watch(
                 file.seek(read)
                 lines = file.read().rpartition(b"\n")[0]
             read += len(lines) + bool(lines)
+            if lines:
+                watch.heard()
             for line in lines.splitlines():
                 record = json.loads(line)
                 hits = record["outcome/reached"]
                 arrivals.append(Arrival(record["steps"], float("nan") if hits is None else hits, now))
         if ended or reached(arrivals, share, sustained):
             return arrivals, compiled
+        watch.check()
         time.sleep(POLL_SECONDS)
 
 

@@ -72,7 +72,8 @@ def update() -> None:
     learn = LearnConfig()
     learner = ippo.init_learner(jax.random.key(0), learn)
     scalar = normal(STEPS, ENVS)
-    batch = Batch(normal(STEPS, ENVS, 35), 0.3 * normal(STEPS, ENVS, 4), scalar - 5.0, scalar, scalar, scalar)
+    action, ones = 0.3 * normal(STEPS, ENVS, 4), jnp.ones((STEPS, ENVS))
+    batch = Batch(normal(STEPS, ENVS, 35), action, scalar - 5.0, scalar, scalar, scalar, ones, ones)
 
     def batch_first(elu: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
         def forward(mlp: Any, columns: Any) -> Any:

@@ -2,7 +2,8 @@
 
 The child builds its programs with a cold compile cache, calls each once, and reports. It then stays alive and runs
 every program once whenever it is told to: parts take turns, so that a shared host's drift hits all alike. One JSON
-object a line in both directions. What does not live here: the parts themselves (`ceilings`, `references`, `parts`).
+object a line in both directions. A child that hangs is killed (`patience`). What does not live here:
+the parts themselves (`ceilings`, `references`, `stepping`, `training`).
 """
 
 import importlib
@@ -20,6 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from benchmarks import patience
 from benchmarks.size import Size
 
 ROOT = Path(__file__).parents[1]
@@ -75,7 +77,10 @@ KINDS: dict[str, Kind] = {
 
 
 class Worker:
-    """The parent's handle: starting it waits until the child is ready. A context manager."""
+    """The parent's handle: starting it waits until the child is ready. A context manager.
+
+    Raises RuntimeError where the child dies, and its subclass `patience.Hung` where it hangs.
+    """
 
     def __init__(self, name: str, size: Size, cache: Path | None = None):
         """`cache`: a compile cache to use; None: an empty one, so that compile times are cold."""
@@ -93,6 +98,7 @@ class Worker:
             stderr=self._stderr,
             text=True,
         )
+        self._listener = patience.Listener(self._process, f"part {name}")
         try:
             self.ready: dict[str, Any] = self._answer()
         except BaseException:  # Ctrl-C, too: no process is left behind
@@ -113,15 +119,13 @@ class Worker:
 
     def close(self) -> None:
         """End the child and remove what it leaves."""
-        self._process.kill()
-        self._process.communicate()
+        patience.end(self._process)
         self._held.close()
 
     def _answer(self) -> Any:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if line:
-            return json.loads(line)
+        while line := self._listener.next_line():
+            if (answer := json.loads(line)) != patience.ALIVE:
+                return answer
         self._process.wait()
         self._stderr.seek(0)
         raise RuntimeError(f"part {self.name} died (exit code {self._process.returncode}):\n{self._stderr.read()}")
@@ -152,6 +156,7 @@ def run(part: Part) -> dict[str, float]:
         start = time.perf_counter()
         seconds = program.call()
         rates[program.name] = program.work / (time.perf_counter() - start if seconds is None else seconds)
+        patience.alive()
     return rates
 
 
@@ -169,6 +174,7 @@ def main() -> None:
     """The child: build the part argv[1] at size argv[2], then run it once for every line that comes in."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # whatever a library prints must not mix with the answers
+    patience.answers = answers
     name = sys.argv[1]
     if KINDS[name].one_core:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})

@@ -22,13 +22,19 @@ from dronecombat_jax import jax_variables, preflight, rendering
 from dronecombat_jax.errors import UserError
 
 BAD_JAX = {
+    "0.10.0": "it can hang for ever on two CPU cores, asleep in its first calls",
+    "0.10.1": "it can hang for ever on two CPU cores, asleep in its first calls",
     "0.10.2": "silently wrong vmapped matrix-vector products on a CPU (jax#39103)",
     "0.11.0": "a scan's outputs take quadratic time on a CPU, and NaN on some GPUs",
     "0.11.1": "a scan's outputs take quadratic time on a CPU, and NaN on some GPUs",
 }
+GOOD_JAX = "'jax==0.12.0.1' 'jaxlib==0.12.0.1'"  # for pip, as in constraints.txt
+GOOD_JAX_3_11 = "'jax==0.9.2' 'jaxlib==0.9.2' 'flax==0.12.6'"  # later ones of flax need a later jax
 DEADLOCK_FLAG = "--xla_cpu_enable_concurrency_optimized_scheduler"
+# XLA ends a process whose devices have waited 40 s for each other, as on a machine that many processes share.
+MEETING_FLAG, MEETING_SECONDS = "--xla_cpu_collective_call_terminate_timeout_seconds", "3600"
 VECTOR_FLAG = "--xla_cpu_prefer_vector_width"
-VECTOR_RELEASES = ((0, 10), (0, 13))  # from, before: XLA dies of a flag that it does not know
+TRIED_RELEASES = ((0, 9), (0, 13))  # from, before: XLA dies of a flag that it does not know
 DEVICE_VARIABLES = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME", "JAX_DEFAULT_DEVICE")
 PLUGINS = {"gpu": ("jax_cuda13_plugin", "jax_cuda12_plugin", "jax_rocm7_plugin"), "tpu": ("libtpu",)}
 
@@ -50,6 +56,8 @@ def prepare(device: str = "auto", cpu_devices: int = 1, join: Callable[[], None]
     _prepare_xla(device)
     if cpu_devices > 1 and device not in PLUGINS:
         _set_flag("--xla_force_host_platform_device_count", str(cpu_devices))
+        if TRIED_RELEASES[0] <= _release() < TRIED_RELEASES[1]:
+            _set_flag(MEETING_FLAG, MEETING_SECONDS)
     _prepare_jax(platforms)
     if chosen := rendering.settle():
         _set_by_us["MUJOCO_GL"] = chosen
@@ -74,13 +82,11 @@ def set_matmul_precision(precision: str) -> None:
 
 
 def refuse_bad_jax() -> None:
-    """Raise UserError (exit 2) for the versions of jax that compute wrong numbers or crawl."""
+    """Raise UserError (exit 2) for the versions of jax that hang, compute wrong numbers or crawl."""
     version = metadata.version("jax")
     if version in BAD_JAX:
-        good = "0.10.1" if sys.version_info < (3, 12) else "0.12.0.1"
-        raise UserError(
-            f"jax {version} cannot be used: {BAD_JAX[version]}. Fix: pip install 'jax=={good}' 'jaxlib=={good}'"
-        )
+        good = GOOD_JAX_3_11 if sys.version_info < (3, 12) else GOOD_JAX
+        raise UserError(f"jax {version} cannot be used: {BAD_JAX[version]}. Fix: pip install {good}")
 
 
 def import_mjx():
@@ -139,11 +145,11 @@ def _platforms(device: str) -> str | None:
 
 
 def _prepare_xla(device: str) -> None:
-    """The CPU's widest vectors, and two faults of XLA's runtime in jax 0.10: it deadlocks on two cores and cries wolf."""
-    release = tuple(int(part) for part in metadata.version("jax").split(".")[:2])
+    """The CPU's widest vectors; and before jax 0.11 XLA's runtime can deadlock on two cores, and cries wolf."""
+    release = _release()
     if device in PLUGINS:
         return
-    if VECTOR_RELEASES[0] <= release < VECTOR_RELEASES[1] and "avx512f" in _cpu()[1].split():
+    if TRIED_RELEASES[0] <= release < TRIED_RELEASES[1] and "avx512f" in _cpu()[1].split():
         _set_flag(VECTOR_FLAG, "512")  # XLA itself stays at 256: learning takes 4 to 7 % longer (docs/tuning.md)
     if release >= (0, 11):
         return
@@ -154,6 +160,11 @@ def _prepare_xla(device: str) -> None:
     # Every program from the cache logs a page of errors about tuning flags that are no CPU features.
     if "TF_CPP_MIN_LOG_LEVEL" not in os.environ:
         _set("TF_CPP_MIN_LOG_LEVEL", "3")
+
+
+def _release() -> tuple[int, ...]:
+    """Of jax: (0, 12)."""
+    return tuple(int(part) for part in metadata.version("jax").split(".")[:2])
 
 
 def _set_flag(name: str, value: str) -> None:

@@ -43,10 +43,13 @@ class TrainFlags(Config):
 
 @dataclass(frozen=True)
 class EvaluateFlags:
-    """Let the two policies of a run fight and count who wins, how and when."""
+    """Let the two policies of a run fight and count who wins, how and when.
+
+    The run's own evaluation is evaluation.json; with other options it is a file beside that.
+    """
 
     run: str = setting("", "the run: its folder, or its name in runs/")
-    fights: int = setting(256, "number of fights", low=1, high=10**6)
+    fights: int = setting(0, "number of fights; 0: run.evaluation_fights", low=0, high=10**6)
     chunk: int = setting(-1, "which checkpoint, counted from the untrained one; -1: the newest", low=-1, high=10**9)
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
     stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
@@ -82,6 +85,7 @@ class TournamentFlags:
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
     stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
     flights: int = setting(0, "fights to record of each run's two sides of one chunk: how they fly", low=0, high=10**4)
+    mjcf: str = setting("", "the MJCF that was trained with, where no run says where it is")
     skip_bad: bool = setting(False, "leave out what cannot be read, and exit with 5")
     allow_env_mismatch: bool = setting(False, "let policies of another game fly in that of the first")
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
@@ -115,8 +119,35 @@ class CompareFlags:
 
 
 @dataclass(frozen=True)
+class ReplayFlags:
+    """Fly fights and write one page that replays them in a browser: no server, no network, no other file.
+
+    Before the flags: a RUN (its folder, or its name in runs/), policy files (.safetensors), or scripted:NAME. Such as
+    `dronecombat replay ippo`, `dronecombat replay ippo --defender hover_guard --attacker 12`, `dronecombat replay ippo
+    --evolution`, `dronecombat replay --defender hover --attacker dash --out fight.gif`.
+    """
+
+    defender: str = setting(
+        "", "who defends: a chunk of RUN, a scripted pilot, a policy file, another run or RUN:CHUNK"
+    )
+    attacker: str = setting("", "who attacks, likewise; without it the newest of RUN, or the file's")
+    fights: int = setting(9, "how many fights, side by side; a film shows the first", low=1, high=16)
+    seed: int = setting(0, "seed of the start states; fight e starts as in a tournament", low=0, high=2**31 - 1)
+    evolution: bool = setting(False, "one start, flown by the policies of 0 %, 10 %, ... 100 % of RUN's training")
+    out: str = setting("", "the file: .html, or a film .mp4, .gif, .webp (default: replay.html in RUN's folder)")
+    open: bool = setting(False, "open the page in a browser, where there is one")
+    run_seed: int = setting(-1, "which of the run's seeds; -1: its first", low=-1, high=2**31 - 1)
+    stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
+    spawn: Literal["as_trained", "fixed", "uniform"] = setting("as_trained", "where the fights start")
+    allow_env_mismatch: bool = setting(False, "let policies of another game fly in that of the first")
+    device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
+
+
+@dataclass(frozen=True)
 class DoctorFlags:
-    """Say what this machine has and what is missing: versions, devices, rendering."""
+    """Say what this machine has and what is missing, or how a drone's file is flown."""
+
+    mjcf: str = setting("", "an MJCF: how its drone is flown, side by side with C MuJoCo")
 
 
 def train(args: Sequence[str]) -> int:
@@ -129,17 +160,24 @@ def train(args: Sequence[str]) -> int:
     if "fork" not in fork and fork:
         errors.append("--fork-chunk needs --fork NEW_NAME")
     try:
-        config = settings.load(preset, given, check_memory=True)
+        config = settings.load(preset, given, check_machine=True)
     except UserError as error:
         raise UserError("\n".join([*errors, error.message])) from None
     if errors:
         raise UserError("\n".join(errors))
     config = replace(config, run=replace(config.run, name=settings.run_name(config, preset)))
+    if config.sim.mjcf:  # a run is gone on with, and looked at, from any folder
+        whole = Path(config.sim.mjcf).expanduser().absolute()
+        config = replace(config, sim=replace(config.sim, mjcf=str(whole)))
     if only_print:
         print(settings.to_toml(config), end="")
         return 0
     print(summary(config, preset), flush=True)
     _prepare(config.run.device, config)
+    if config.sim.mjcf:  # what cannot be flown is said before there is a folder
+        from dronecombat_jax.sim.scene import load_scene
+
+        load_scene(config.sim)
     from dronecombat_jax import processes
     from dronecombat_jax.runs import training
 
@@ -209,6 +247,7 @@ def tournament(args: Sequence[str]) -> int:
         every=given.every,
         untrained=given.untrained,
         flights=given.flights,
+        mjcf=given.mjcf,
         skip_bad=given.skip_bad,
         allow_mismatch=given.allow_env_mismatch,
     )
@@ -244,12 +283,31 @@ def compare(args: Sequence[str]) -> int:
     )
 
 
+def replay(args: Sequence[str]) -> int:
+    """fights on one page that any browser plays, or as a film"""
+    words, rest = _split_words(args, ReplayFlags)
+    given: ReplayFlags = flags.read(ReplayFlags, rest, "dronecombat replay")
+    _prepare(given.device)
+    from dronecombat_jax.report import replay as room
+    from dronecombat_jax.runs.flyers import Named
+    from dronecombat_jax.runs.recording import Filming
+
+    spawn = "" if given.spawn == "as_trained" else given.spawn
+    return room.replay(
+        Named(tuple(words), (given.defender, given.attacker), given.run_seed, given.allow_env_mismatch),
+        Filming(given.fights, given.seed, given.stochastic, spawn),
+        out=Path(given.out) if given.out else None,
+        evolution=given.evolution,
+        browser=given.open,
+    )
+
+
 def doctor(args: Sequence[str]) -> int:
     """say what this machine has and what is missing"""
-    flags.read(DoctorFlags, args, "dronecombat doctor")
-    from dronecombat_jax.doctor import doctor as examine
+    given: DoctorFlags = flags.read(DoctorFlags, args, "dronecombat doctor")
+    from dronecombat_jax import doctor as examiner
 
-    return examine()
+    return examiner.doctor_mjcf(given.mjcf) if given.mjcf else examiner.doctor()
 
 
 COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
@@ -259,6 +317,7 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "tournament": tournament,
     "report": report,
     "compare": compare,
+    "replay": replay,
     "doctor": doctor,
 }
 

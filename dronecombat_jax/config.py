@@ -36,11 +36,12 @@ class SimConfig:
     body: Literal["isaac", "firmware", "menagerie", "p250"] = setting(
         "isaac", "mass and inertia of both drones (isaac: the composite of Isaac's cf2x)"
     )
+    mjcf: str = setting("", "MJCF of a drone or a scene of your own (docs/own_drone.md); empty: the package's")
     timestep: float = setting(0.01, "physics step", unit="s", low=1e-4, high=0.05)
     substeps: int = setting(2, "physics steps per control step", low=1, high=100)
     thrust_to_weight: float = setting(1.9, "full thrust over weight (eq. 7)", low=1.0, high=20.0, low_open=True)
     moment_scale: float = setting(
-        0.01, "moment at full deflection about each body axis (eq. 8)", unit="N m", low=0.0, high=1.0
+        0.01, "moment at full deflection about each body axis (eq. 8)", unit="N m", low=0.0, high=100.0
     )
     max_body_rate: float = setting(
         100.0, "cap on the norm of the body rate (PhysX's default)", unit="rad/s", low=1.0, high=1e4
@@ -163,6 +164,11 @@ class LearnConfig:
     bootstrap_timeout: bool = setting(
         True, "a time-out is worth the value of its final observation (false: an end, as for the authors)"
     )
+    inactive_steps: Literal["value", "none", "all"] = setting(
+        "value",
+        "who learns from the steps of a drone that is down, whose actions do nothing: the value function alone; "
+        "nobody; policy, value and statistics, as if it flew",
+    )
     normalize_observations: bool = setting(True, "running mean and variance of observations, clipped at 5")
     normalize_values: bool = setting(True, "running mean and variance of returns")
 
@@ -260,8 +266,14 @@ class RunConfig:
     matmul_precision: Literal["default", "tensorfloat32", "float32"] = setting(
         "default", "of matrix products on a GPU or TPU (default: JAX's choice; a CPU always computes in float32)"
     )
+    keep: str = setting(
+        "all",
+        'checkpoints that stay: all; "every N", those of every N-th chunk; "last N". The newest two always stay. '
+        "Tournaments play those that are there",
+    )
     figures: bool = setting(True, "draw learning curves at the end")
     video: bool = setting(True, "render a picture and a short video of a fight at the end")
+    replay: bool = setting(True, "write a page that replays fights in a browser at the end")
     evaluation_fights: int = setting(256, "fights of the evaluation at the end of training", low=1, high=10**6)
 
 

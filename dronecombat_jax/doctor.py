@@ -49,6 +49,24 @@ def doctor() -> int:
     return 0 if all(verdicts) else EXIT_CONFIG
 
 
+def doctor_mjcf(path: str) -> int:
+    """Print how the drone or the scene at `path` is flown; 0 if as C MuJoCo flies it, else 2."""
+    backend.prepare("cpu")
+    from dronecombat_jax.config import SimConfig
+    from dronecombat_jax.sim.inspection import inspect
+
+    try:
+        found = inspect(SimConfig(mjcf=path))
+    except UserError as error:
+        print(f"{'file':12} FAIL  {error.message}")
+        return EXIT_CONFIG
+    for word, text in found.lines:
+        print(f"{word:12} {text}")
+    verdict = "ok    flown" if found.agrees else "FAIL  not flown"
+    print(f"{'verdict':12} {verdict} as it is written")
+    return 0 if found.agrees else EXIT_CONFIG
+
+
 def _report(name: str, check: Callable[[], str]) -> bool:
     """Run one check, print its line, and a second one with the remedy where it failed."""
     try:

@@ -7,6 +7,7 @@ whether a device exists (`backend`). Nothing imports JAX.
 import math
 import os
 import re
+import shutil
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +20,11 @@ ACTION_SIZE = 4
 AGENTS = 2
 PHYSICS_BYTES = 4700  # of MJX's arrays per environment (measured, docs/performance.md)
 MAX_DEVICES = 1024
+FIGHT_FLOATS = 36  # of one fight in a checkpoint
+CHECKPOINT_BYTES = 40_000  # of a checkpoint's tables (measured)
+RECORD_BYTES = 3_500  # of an iteration's records in metrics.jsonl and for TensorBoard (measured)
+KEPT_ANYWAY = 2  # checkpoints: should the newest be damaged, there is another
+_KEEP = re.compile(r"(every|last) ([1-9][0-9]{0,8})")
 _NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{0,100}")
 _CGROUP = Path("/sys/fs/cgroup/memory.max")
 
@@ -32,7 +38,7 @@ class Problem(NamedTuple):
 
 def problems(config: Config) -> list[Problem]:
     """All rules that `config` breaks, on any machine; an empty list where it is sound."""
-    return [*_game(config), *_learning(config), *_selfplay(config), *_training(config), *_run(config)]
+    return [*_flight(config), *_game(config), *_learning(config), *_selfplay(config), *_training(config), *_run(config)]
 
 
 def memory_problems(config: Config) -> list[Problem]:
@@ -45,9 +51,61 @@ def memory_problems(config: Config) -> list[Problem]:
         Problem(
             ("train.num_envs", "learn.rollout_steps", "train.num_seeds", "learn.hidden_sizes"),
             f"train.num_envs = {envs}, learn.rollout_steps = {steps}, train.num_seeds = {seeds} need about "
-            f"{_gibibytes(needed)} of memory, and this machine has {_gibibytes(there)}",
+            f"{bytes_in_words(needed)} of memory, and this machine has {bytes_in_words(there)}",
         )
     ]
+
+
+def disk_problems(config: Config) -> list[Problem]:
+    """One problem where the run will need more disk than is free; what it has written already counts as free."""
+    needed, free = estimated_disk_bytes(config), free_bytes(Path(config.run.directory) / (config.run.name or "run"))
+    if free is None or needed <= free:
+        return []
+    return [
+        Problem(
+            ("run.keep", "train.total_steps", "train.chunk_iterations", "train.num_seeds", "run.directory"),
+            f"run.keep = {config.run.keep!r}: {config.num_chunks} chunks need about {bytes_in_words(needed)} on the disk of "
+            f'{config.run.directory}, and {bytes_in_words(free)} are free; run.keep = "every 10" or "last 5" needs less',
+        )
+    ]
+
+
+def estimated_disk_bytes(config: Config) -> int:
+    """What a run will have written by its end: checkpoints that stay, past players, logs (an estimate from below)."""
+    train, chunks = config.train, config.num_chunks
+    policy, value = _network_floats(config)
+    fights = train.num_envs * FIGHT_FLOATS
+    checkpoint = train.num_seeds * 4 * (AGENTS * 3 * (policy + value) + fights) + CHECKPOINT_BYTES
+    players = train.num_seeds * 4 * policy * _pool_roles(config) * chunks
+    logs = train.num_seeds * RECORD_BYTES * chunks * train.chunk_iterations
+    return kept_checkpoints(config) * checkpoint + players + logs
+
+
+def kept_checkpoints(config: Config) -> int:
+    """Checkpoints that are left at a run's end, the untrained one included."""
+    word, number = keep_rule(config.run.keep) or ("all", 1)
+    chunks = config.num_chunks
+    if word == "last":
+        return min(chunks + 1, max(number, KEPT_ANYWAY))
+    return len({*range(0, chunks + 1, number), *range(max(0, chunks + 1 - KEPT_ANYWAY), chunks + 1)})
+
+
+def keep_rule(text: str) -> tuple[str, int] | None:
+    """`run.keep` as a word and a number: ("all", 1), ("every", N) or ("last", N); None where it is none of these."""
+    if text == "all":
+        return "all", 1
+    match = _KEEP.fullmatch(text)
+    return (match[1], int(match[2])) if match else None
+
+
+def free_bytes(path: Path) -> int | None:
+    """Bytes free for `path` and what is below it already; None where that cannot be told."""
+    try:
+        existing = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+        used = sum(file.stat().st_size for file in path.rglob("*") if file.is_file()) if path.is_dir() else 0
+        return shutil.disk_usage(existing).free + used
+    except OSError:
+        return None
 
 
 def estimated_bytes(config: Config) -> int:
@@ -61,21 +119,29 @@ def estimated_bytes(config: Config) -> int:
     transitions = train.num_envs * learn.rollout_steps
     rollout = 2 * transitions * AGENTS * (2 * OBSERVATION_SIZE + ACTION_SIZE + 10)
     minibatch = transitions // learn.minibatches * 6 * sum(learn.hidden_sizes)
-    sizes = (OBSERVATION_SIZE, *learn.hidden_sizes)
-    trunk = sum((rows + 1) * columns for rows, columns in pairwise(sizes))
-    policy, value = trunk + (sizes[-1] + 2) * ACTION_SIZE, trunk + sizes[-1] + 1
+    policy, value = _network_floats(config)
     learners = AGENTS * 3 * (policy + value)
     floats = rollout + minibatch + learners + _pool_floats(config, policy)
     return train.num_seeds * (4 * floats + PHYSICS_BYTES * train.num_envs)
 
 
+def _network_floats(config: Config) -> tuple[int, int]:
+    """Of one agent's policy, with its log-std, and of its value function."""
+    sizes = (OBSERVATION_SIZE, *config.learn.hidden_sizes)
+    trunk = sum((rows + 1) * columns for rows, columns in pairwise(sizes))
+    return trunk + (sizes[-1] + 2) * ACTION_SIZE, trunk + sizes[-1] + 1
+
+
 def _pool_floats(config: Config, policy: int) -> int:
     """Of the past players: every chunk's start, and with scope "environment" one in each environment besides."""
-    selfplay = config.selfplay
-    if selfplay.probability == 0.0:
+    environments = config.train.num_envs if config.selfplay.scope == "environment" else 0
+    return policy * _pool_roles(config) * (config.num_chunks + environments)
+
+
+def _pool_roles(config: Config) -> int:
+    if config.selfplay.probability == 0.0:
         return 0
-    roles = 2 if selfplay.roles == "both" else 1
-    return policy * roles * (config.num_chunks + (config.train.num_envs if selfplay.scope == "environment" else 0))
+    return 2 if config.selfplay.roles == "both" else 1
 
 
 def machine_bytes() -> int | None:
@@ -88,6 +154,15 @@ def machine_bytes() -> int | None:
         return min(total, int(_CGROUP.read_text()))
     except (OSError, ValueError):  # no cgroup v2, or no limit ("max")
         return total
+
+
+def _flight(config: Config) -> Iterator[Problem]:
+    if config.sim.mjcf and config.sim.body != "isaac":
+        yield Problem(
+            ("sim.body", "sim.mjcf"),
+            f"sim.body = {config.sim.body} is a mass and inertia for the package's drone; "
+            "with sim.mjcf both come out of the file: leave sim.body out",
+        )
 
 
 def _game(config: Config) -> Iterator[Problem]:
@@ -165,6 +240,8 @@ def _training(config: Config) -> Iterator[Problem]:
 def _run(config: Config) -> Iterator[Problem]:
     if not _NAME.fullmatch(config.run.name):
         yield Problem(("run.name",), "run.name must be at most 100 of A-Z a-z 0-9 . _ - and not start with a dot")
+    if keep_rule(config.run.keep) is None:
+        yield Problem(("run.keep",), f'run.keep = {config.run.keep!r} must be "all", "every N" or "last N"')
     if not config.run.directory:
         yield Problem(("run.directory",), "run.directory must not be empty")
     if uneven := uneven_devices(config, config.run.devices or 1):
@@ -237,5 +314,8 @@ def _nearest_batches(config: Config) -> str:
     return f"learn.minibatches {fewer}{f' or {more}' if more else ''}, train.num_envs {counts}"
 
 
-def _gibibytes(count: int) -> str:
+def bytes_in_words(count: int) -> str:
+    """Such as 3.2 MiB or 1,500 GiB."""
+    if count < 2**30:
+        return f"{count / 2**20:.3g} MiB"
     return f"{count / 2**30:.3g} GiB" if count < 2**40 else f"{count / 2**30:,.0f} GiB"

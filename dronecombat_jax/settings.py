@@ -41,11 +41,11 @@ class Given(NamedTuple):
 
 
 def load(
-    preset: str | Path | None = None, overrides: Mapping[str, Any] | None = None, *, check_memory: bool = False
+    preset: str | Path | None = None, overrides: Mapping[str, Any] | None = None, *, check_machine: bool = False
 ) -> Config:
     """The configuration of defaults < `preset` (a name or a .toml file) < `overrides` (dotted keys).
 
-    `check_memory`: refuse what cannot be trained here; a run from a larger machine can still be looked at.
+    `check_machine`: refuse what cannot be trained here; a run from a larger machine can still be looked at.
     Raises UserError (exit 2) whose message has one line per mistake.
     """
     errors: list[str] = []
@@ -55,21 +55,25 @@ def load(
     except UserError as error:
         errors += error.message.splitlines()
     given |= {key: Given(value, flag(key)) for key, value in (overrides or {}).items()}
-    return _checked(given, errors, check_memory)
+    return _checked(given, errors, check_machine)
 
 
 def from_toml(text: str, source: str) -> Config:
     """The configuration that `to_toml` once wrote as `text`; `source` opens the messages. Raises UserError as `load`."""
-    return _checked(_values(text, source), [], check_memory=False)
+    return _checked(_values(text, source), [], check_machine=False)
 
 
-def _checked(given: Mapping[str, Given], errors: list[str], check_memory: bool) -> Config:
+def _machine_problems(config: Config) -> list[preflight.Problem]:
+    return preflight.memory_problems(config) + preflight.disk_problems(config)
+
+
+def _checked(given: Mapping[str, Given], errors: list[str], check_machine: bool) -> Config:
     """The configuration of `given` over the defaults, or a UserError of `errors` and whatever else is wrong."""
     errors = [*errors, *check(given, SCHEMA)]
     if errors:
         raise UserError("\n".join(errors))
     config: Config = build(Config, {key: SCHEMA[key].normal(item.value) for key, item in given.items()})
-    broken = preflight.problems(config) + (preflight.memory_problems(config) if check_memory else [])
+    broken = preflight.problems(config) + (_machine_problems(config) if check_machine else [])
     if broken:
         raise UserError("\n".join(_placed(problem, given) for problem in broken))
     return config

@@ -73,6 +73,8 @@ class StepOutput(NamedTuple):
     cause: jax.Array  # [] int32, a `Cause`; NONE while the fight goes on
     terminated: jax.Array  # [] bool, the fight was decided
     truncated: jax.Array  # [] bool, time ran out on an undecided fight
+    active: jax.Array  # [A] bool, the drone flew, and its action had an effect: it was finite, and the physics held
+    idle: jax.Array  # [A] bool, the drone was down before the step: its action had none, and the fight went on
 
 
 class RewardTerms(NamedTuple):
@@ -133,6 +135,8 @@ class Transition(NamedTuple):
     cause: jax.Array  # [T, N] int32
     clock: jax.Array  # [T, N] int32, control steps flown when the step was done
     out: jax.Array  # [T, N, A] bool, the drone was down after the step
+    active: jax.Array  # [T, N, A] bool, as in `StepOutput`
+    idle: jax.Array  # [T, N, A] bool
     reward_terms: RewardTerms  # each [T, N, A]
 
 
@@ -145,6 +149,8 @@ class Batch(NamedTuple):
     advantage: jax.Array  # [...] normalised over the whole rollout
     value: jax.Array  # [...] normalised, of the policy that collected
     target: jax.Array  # [...] normalised return
+    weight: jax.Array  # [...] 1 where the policy learns from the step, else 0
+    value_weight: jax.Array  # [...] 1 where the value function does
 
 
 class UpdateMetrics(NamedTuple):
@@ -160,14 +166,17 @@ class UpdateMetrics(NamedTuple):
     learning_rate: jax.Array  # after the update
     explained_variance: jax.Array
     log_std: jax.Array  # mean over action dimensions
+    active_share: jax.Array  # of the rollout's steps, those that the policy learnt from
 
 
 class IterationMetrics(NamedTuple):
-    """What one iteration reports."""
+    """What one iteration reports. Counted are fights flown from start to end by the same two (`selfplay.tally`)."""
 
-    causes: jax.Array  # [len(Cause)] fights ended by each `Cause`
-    crashes: jax.Array  # [A] ended fights in which that drone had gone down
-    episode_steps: jax.Array  # [] sum over ended fights, control steps
+    causes: jax.Array  # [len(Cause)] counted fights that each `Cause` ended
+    crashes: jax.Array  # [A] counted fights in which that drone had gone down
+    episode_steps: jax.Array  # [] sum over counted fights, control steps
+    returns: jax.Array  # [A] sum over counted fights of all their rewards
+    diverged: jax.Array  # [] int32, fights whose simulation diverged, counted or not
     reward_terms: RewardTerms  # each [A], mean per step
     learners: UpdateMetrics  # each [A]
     frozen: jax.Array  # [] int32, the role that was played by its past; -1: none
@@ -198,11 +207,20 @@ class SelfPlay(struct.PyTreeNode):
     opponent: jax.Array  # [N] int32, the slot that it is played from in each environment; -1: none
 
 
+class Flown(struct.PyTreeNode):
+    """What training knows of each fight under way (`selfplay.tally`)."""
+
+    steps: jax.Array  # [N] int32, control steps flown since its start; the clock may have begun later
+    returns: jax.Array  # [N, A] rewards since its start
+    met: jax.Array  # [N] int32, who has flown it: a code of `selfplay.pool.met`, or `selfplay.tally.MIXED`
+
+
 class TrainState(struct.PyTreeNode):
     """A whole training run at an iteration's boundary. In a program each leaf has a leading axis S."""
 
     learners: Learner  # each leaf [A, ...]
     env: EnvState  # each leaf [N, ...]
+    flown: Flown  # each leaf [N, ...]
     seed: jax.Array  # [] uint32
     iteration: jax.Array  # [] int32, iterations done
     selfplay: SelfPlay | None = None  # None: probability 0 (IPPO)

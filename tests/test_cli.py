@@ -8,6 +8,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from drones import SMALL, write
 
 import dronecombat_jax
 from dronecombat_jax import arena, cli, flags, report, runs, settings
@@ -35,7 +36,7 @@ def rooms(monkeypatch, tmp_path):
         return call
 
     stand_in(dronecombat_jax, "backend", prepare=record("prepare"), cores=lambda: 2)
-    stand_in(dronecombat_jax, "doctor", doctor=record("doctor", 2))
+    stand_in(dronecombat_jax, "doctor", doctor=record("doctor", 2), doctor_mjcf=record("doctor_mjcf"))
     stand_in(runs, "training", train=record("train", EXIT_STOPPED))
     match = lambda *asked: ("match", *asked)
     stand_in(runs, "evaluation", evaluate=record("evaluate"), Match=match)
@@ -99,6 +100,19 @@ def test_a_fork_is_a_new_run_from_a_named_one(rooms):
     (_, config, *origin), (_, _, *second) = (call for call in rooms.calls if call[0] == "train")
     assert (config.run.name, config.train.seed, *origin) == ("new", 7, "old", None)
     assert second == ["ippo-duel", 3]
+
+
+def test_an_own_drone_is_named_by_its_whole_path_and_read_before_there_is_a_run(rooms, capsys, tmp_path):
+    """A run is gone on with, and looked at, from any folder."""
+    write(tmp_path)
+    assert trained(rooms, "--sim.mjcf", "drone.xml").sim.mjcf == str(tmp_path / "drone.xml")
+    write(tmp_path, SMALL, ("<freejoint/>", ""), name="fixed.xml")
+    for name, words in (("x2.xml", "no such file (MJCF files in"), ("fixed.xml", "no free joint")):
+        rooms.calls.clear()
+        assert cli.main(["train", "--sim.mjcf", name]) == EXIT_CONFIG
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"error: sim.mjcf: {tmp_path / name}: {words}")
+        assert [call[0] for call in rooms.calls] == ["prepare"]
 
 
 def test_a_preset_may_be_a_file(rooms, tmp_path):
@@ -174,7 +188,7 @@ def test_every_setting_has_a_flag():
         ("--fork-chunk 3", "--fork-chunk needs --fork NEW_NAME"),
         ("--fork new --fork-chunk 1.5", "--fork-chunk 1.5: must be an integer from -1 to 1000000000"),
         ("--learn.minibatches 7", "nearest that fit: learn.minibatches 6 or 8, train.num_envs 994 or 1001"),
-        ("--train.num-envs 1000000 --train.num-seeds 1024", "of memory, and this machine has"),
+        ("--train.num-envs 1000000 --learn.rollout-steps 2400", "of memory, and this machine has"),
     ],
 )
 def test_a_wrong_command_line_is_one_line(rooms, capsys, args, message):
@@ -211,7 +225,7 @@ def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
     assert cli.main(["evaluate", "elsewhere", "--fights", "3", "--chunk", "0", "--seed", "9", "--stochastic"]) == 0
     assert rooms.calls == [
         ("prepare", "auto", 1),
-        ("evaluate", Path("runs/mine"), ("match", 256, 0, False, "", "", ""), None),
+        ("evaluate", Path("runs/mine"), ("match", 0, 0, False, "", "", ""), None),
         ("prepare", "auto", 1),
         ("evaluate", Path("elsewhere"), ("match", 3, 9, True, "", "", ""), 0),
     ]
@@ -220,7 +234,7 @@ def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
 def test_evaluate_puts_a_scripted_pilot_in_one_place(rooms, tmp_path):
     (tmp_path / "runs" / "mine").mkdir(parents=True)
     assert cli.main(["evaluate", "mine", "--attacker", "dash", "--spawn", "fixed"]) == 0
-    assert rooms.calls[1] == ("evaluate", Path("runs/mine"), ("match", 256, 0, False, "", "dash", "fixed"), None)
+    assert rooms.calls[1] == ("evaluate", Path("runs/mine"), ("match", 0, 0, False, "", "dash", "fixed"), None)
 
 
 @pytest.mark.parametrize(
@@ -230,8 +244,8 @@ def test_evaluate_puts_a_scripted_pilot_in_one_place(rooms, tmp_path):
         ("minr", EXIT_DATA, "minr: no such run; did you mean mine?"),
         ("zzzz", EXIT_DATA, "zzzz: no such run; runs there are: mine"),
         ("x" * 999, EXIT_DATA, "no such run"),
-        ("mine --fights 0", EXIT_CONFIG, "--fights 0: must be an integer from 1 to 1000000"),
-        ("mine --fights abc", EXIT_CONFIG, "--fights abc: must be an integer from 1 to 1000000"),
+        ("mine --fights -1", EXIT_CONFIG, "--fights -1: must be an integer from 0 to 1000000"),
+        ("mine --fights abc", EXIT_CONFIG, "--fights abc: must be an integer from 0 to 1000000"),
         ("mine --fight 3", EXIT_CONFIG, "--fight: unknown flag; did you mean --fights?"),
         ("mine other", EXIT_CONFIG, '"other": belongs to no flag'),
         ("mine\t", EXIT_CONFIG, "RUN: run = "),
@@ -246,7 +260,8 @@ def test_a_wrong_evaluation_is_one_line(rooms, capsys, tmp_path, args, code, mes
 
 def test_doctor_gives_its_own_exit_code(rooms):
     assert cli.main(["doctor"]) == 2
-    assert rooms.calls == [("doctor",)]
+    assert cli.main(["doctor", "--mjcf", "x2.xml"]) == 0
+    assert rooms.calls == [("doctor",), ("doctor_mjcf", "x2.xml")]
 
 
 # The program around the commands

@@ -43,6 +43,12 @@ def test_the_wheel_holds_modules_scene_and_presets_and_nothing_else(wheel):
     assert {path.name.split("-")[0] for path in wheel.iterdir()} == {"dronecombat_jax"}
 
 
+def test_the_wheel_holds_the_replay_pages_script_and_its_licence(wheel):
+    files = names(wheel / "dronecombat_jax", "report/viewer/*")
+    assert files == {"report/viewer/replay.js", "report/viewer/three.LICENSE"}
+    assert files == names(ROOT / "dronecombat_jax", "report/viewer/*")
+
+
 def test_the_wheel_installs_the_command(wheel):
     (entry_points,) = wheel.glob("*.dist-info/entry_points.txt")
     assert "dronecombat = dronecombat_jax.__main__:main" in entry_points.read_text()

@@ -354,6 +354,7 @@ def test_windows_line_ends_are_fine(toml):
         # 8 environments, one of them for the attacker alone: 7 * 24 = 168 steps
         ({"train.num_envs": 8, "learn.minibatches": 64, "train.solo_share": 0.1}, "--train.solo-share: ", "7 environments and 168 steps"),
         ({"train.num_envs": 1, "train.solo_share": 0.6}, "--train.solo-share: ", "0 environments and 0 steps"),
+        ({"sim.body": "p250", "sim.mjcf": "x2.xml"}, "--sim.body: ", "with sim.mjcf both come out of the file"),
         ({"learn.min_learning_rate": 0.1}, "--learn.min-learning-rate: ", "0.1, 0.0003, 0.01"),
         ({"learn.learning_rate": 0.1}, "--learn.learning-rate: ", "must hold"),
         ({"learn.min_log_std": 1.0}, "--learn.min-log-std: ", "must hold, but they are 1, 0, 2"),
@@ -371,7 +372,8 @@ def test_windows_line_ends_are_fine(toml):
 )  # fmt: skip
 def test_rules_across_settings(monkeypatch, overrides, opening, message):
     monkeypatch.setattr(preflight, "machine_bytes", lambda: 8 * 2**30)
-    (line,) = errors_of(None, overrides, check_memory=True)
+    monkeypatch.setattr(preflight, "free_bytes", lambda path: None)
+    (line,) = errors_of(None, overrides, check_machine=True)
     assert line.startswith(opening) and message in line
 
 
@@ -416,9 +418,10 @@ def test_the_memory_estimate_grows_with_seeds_and_counts_the_pool_only_in_self_p
     assert more == 4 * weights * spread.train.num_envs  # each environment holds a policy of its own
 
 
-def test_where_the_memory_cannot_be_told_nothing_is_refused(monkeypatch):
+def test_where_memory_and_disk_cannot_be_told_nothing_is_refused(monkeypatch):
     monkeypatch.setattr(preflight, "machine_bytes", lambda: None)
-    settings.load(None, {"train.num_envs": 10**6, "train.num_seeds": 1024}, check_memory=True)
+    monkeypatch.setattr(preflight, "free_bytes", lambda path: None)
+    settings.load(None, {"train.num_envs": 10**6, "train.num_seeds": 1024}, check_machine=True)
 
 
 def test_a_run_from_a_larger_machine_can_still_be_read(monkeypatch):
@@ -515,3 +518,24 @@ def test_self_play_needs_two_sides():
     with pytest.raises(UserError) as error:
         settings.load("solo", {"selfplay.probability": 0.2})
     assert error.value.message.startswith("--selfplay.probability: selfplay.probability = 0.2 needs game.scenario")
+
+
+def test_a_run_that_will_not_fit_on_the_disk_is_refused_with_what_needs_less(monkeypatch):
+    monkeypatch.setattr(preflight, "free_bytes", lambda path: 2**30)
+    long = {"train.total_steps": 1_200_000_000, "run.directory": "/somewhere"}
+    with pytest.raises(UserError, match=r"2001 chunks need about 4\.\d+ GiB on the disk of /somewhere.*1 GiB are free"):
+        settings.load("duel", {**long, "train.total_steps": 2001 * 600_000}, check_machine=True)
+    settings.load("duel", long | {"run.keep": "every 10"}, check_machine=True)
+    settings.load("duel", long | {"run.keep": "last 5"}, check_machine=True)
+
+
+@pytest.mark.parametrize("text", ["", "none", "every", "every 0", "last -1", "every 2 ", "EVERY 3", "last 1.5"])
+def test_which_checkpoints_stay_has_three_forms(text):
+    with pytest.raises(UserError, match=r'run\.keep = .* must be "all", "every N" or "last N"'):
+        settings.load("smoke", {"run.keep": text})
+
+
+def test_how_many_checkpoints_are_left():
+    kept = lambda keep: preflight.kept_checkpoints(settings.load("duel", {"run.keep": keep}))  # 34 chunks, 0 to 34
+    # every 10: 0, 10, 20, 30, and the newest two 33, 34
+    assert [kept("all"), kept("every 10"), kept("last 5"), kept("last 1"), kept("every 1")] == [35, 6, 5, 2, 35]

@@ -102,7 +102,7 @@ def make_train(config: Config, combat: Combat) -> tuple[Any, Any]:
             learn_agent(learn, state, transition, last, key)
             for state, transition, key in zip(states, transitions, rngs, strict=True)
         )
-        return states, update_scaler(scaler, seen), env_state, last_obs, rng
+        return states, update_scaler(scaler, seen, jnp.ones(seen.shape[:-1])), env_state, last_obs, rng
 
     return init, update
 

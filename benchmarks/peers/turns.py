@@ -15,6 +15,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from benchmarks import patience
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -73,6 +75,7 @@ class Peer:
             stderr=self._errors,
             text=True,
         )
+        self._listener = patience.Listener(self._process, name)
         try:
             self.first = self._answer()
         except BaseException:  # Ctrl-C, too: no process is left behind
@@ -93,15 +96,16 @@ class Peer:
 
     def close(self) -> None:
         """End the child."""
-        self._process.kill()
-        self._process.communicate()
+        patience.end(self._process)
         self._errors.close()
 
     def _answer(self) -> dict[str, Any]:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:  # libraries print, too
-            if line.startswith("{"):
-                return json.loads(line)
+        try:
+            while line := self._listener.next_line():  # libraries print, too
+                if line.startswith("{"):
+                    return json.loads(line)
+        except patience.Hung as hung:
+            sys.exit(f"error: {hung}")
         self._process.wait()
         self._errors.seek(0)
         sys.exit(f"{self.name} ended with {self._process.returncode}:\n{self._errors.read()}")

@@ -185,11 +185,11 @@ def wrap(
 
 
 def mend_brax() -> None:
-    """Give jax back `device_put_replicated`, which brax 0.14.2's `train` functions call and jax 0.10 has withdrawn.
+    """Give jax back `device_put_replicated`, which brax 0.14.2's `train` functions call.
 
-    Does nothing where it is there. The replacement is that of jax's migration guide.
+    jax 0.9 warns of it and jax 0.10 has withdrawn it. Does nothing where it stands. The replacement is that of jax's migration guide.
     """
-    if hasattr(jax, "device_put_replicated"):
+    if "device_put_replicated" in vars(jax):  # what is only deprecated does not stand there
         return
 
     def device_put_replicated(tree, devices):

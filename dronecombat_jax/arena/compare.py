@@ -39,9 +39,9 @@ class Comparison(NamedTuple):
     seeds: tuple[int, int]  # runs that count
     fights: int  # fewest behind one seed's score
     missing: tuple[str, ...]  # runs of the two methods left out because their final defender did not play
-    score: Welch  # of the mean scores on the away panel
-    adjusted_score: Welch  # as if all defenders had met all attackers (`panel.additive_scores`): a check of the former
-    p_value: float  # primary: exact permutation test of the scores
+    adjusted_score: Welch  # of the adjusted scores (`panel`), which all numbers below are of, too
+    plain_score: Welch  # of the mean scores away, for information: tilted (see `panel`)
+    p_value: float  # primary: exact permutation test of the adjusted scores
     adjusted_p: float  # Holm's, over all pairs of methods compared at once
     exact: bool
     effect: float  # Cohen's d with the pooled standard deviation
@@ -100,7 +100,7 @@ def equivalence(first: NDArray, second: NDArray, margin: float = MARGIN) -> floa
 
 
 def pigeonhole_interval(panel: Panel, first: str, second: str, draws: int = 2000, seed: int = 0) -> tuple[float, float]:
-    """95 % interval of the difference of the methods' scores for new runs on both sides (Owen 2007).
+    """95 % interval of the difference of adjusted scores for new runs on both sides (Owen 2007).
 
     Runs are drawn anew as defenders, within each method, and independently as attackers, within each method; scripted
     pilots stay. The quantile is Student's with the seeds' freedom, and the variance is scaled by n / (n - 1).
@@ -116,24 +116,24 @@ def pigeonhole_interval(panel: Panel, first: str, second: str, draws: int = 2000
     for name in sorted({name for name, run in zip(panel.group_methods, panel.groups, strict=True) if run}):
         members = np.flatnonzero((groups == name) & np.asarray([bool(run) for run in panel.groups]))
         weight[:, members] = rng.multinomial(len(members), np.full(len(members), 1 / len(members)), draws)
-    met = ~np.isnan(panel.table)
     share = weight * panel.weights
-    filled = np.where(met, panel.table, 0.0)
-    met_share = share @ met.T
-    drawn = np.where(met_share > 0, share @ filled.T / np.maximum(met_share, 1e-300), panel.score)  # [draws, R]
+    drawn = share @ panel.filled.T / share.sum(axis=1, keepdims=True)  # [draws, R]
     means = []
     for members in rows:
         multiplicity = rng.multinomial(len(members), np.full(len(members), 1 / len(members)), draws)
         means.append((multiplicity * drawn[:, members]).mean(axis=1))
-    centre = panel.score[rows[0]].mean() - panel.score[rows[1]].mean()
+    centre = panel.adjusted[rows[0]].mean() - panel.adjusted[rows[1]].mean()
     spread = np.std(means[0] - means[1]) * np.sqrt(fewest / (fewest - 1))
     reach = float(student.ppf(1 - LEVEL / 2, sum(map(len, rows)) - 2) * spread)
     return float(centre - reach), float(centre + reach)
 
 
 def elo_of_score(score: NDArray, fights: NDArray) -> NDArray[np.float64]:
-    """The rating above its opponents' that explains a mean `score`, points; half a fight keeps 0 and 1 finite."""
-    return POINTS * logit((score * fights + 0.5) / (fights + 1.0))
+    """The rating above its opponents' that explains a mean `score`, points.
+
+    Half a fight keeps 0 and 1 finite. An adjusted score may pass these ends, and counts as the end.
+    """
+    return POINTS * logit((np.clip(score, 0.0, 1.0) * fights + 0.5) / (fights + 1.0))
 
 
 def _compare(panel: Panel, first: str, second: str, seed: int) -> Comparison:
@@ -144,8 +144,10 @@ def _compare(panel: Panel, first: str, second: str, seed: int) -> Comparison:
         raise ValueError(
             f"no run of method {absent!r} has a final defender on the panel; known: {sorted(set(methods))}"
         )
-    scores = [panel.score[mask] for mask in chosen]
-    elo = [elo_of_score(panel.score[mask], panel.fights[mask]) for mask in chosen]
+    scores = [panel.adjusted[mask] for mask in chosen]
+    if not np.isfinite(np.concatenate(scores)).all():
+        raise ValueError(f"runs of {first!r} and {second!r} met no attacker in common")
+    elo = [elo_of_score(panel.adjusted[mask], panel.fights[mask]) for mask in chosen]
     test = permutation_test(scores[0], scores[1], seed=seed)
     freedom = sum(map(len, scores)) - 2
     pooled = np.sqrt(sum(np.sum((sample - sample.mean()) ** 2) for sample in scores) / max(freedom, 1))
@@ -155,8 +157,8 @@ def _compare(panel: Panel, first: str, second: str, seed: int) -> Comparison:
         seeds=(len(scores[0]), len(scores[1])),
         fights=int(min(panel.fights[mask].min() for mask in chosen)),
         missing=tuple(run for run, method in panel.missing if method in (first, second)),
-        score=welch(scores[0], scores[1]),
-        adjusted_score=welch(panel.adjusted[chosen[0]], panel.adjusted[chosen[1]]),
+        adjusted_score=welch(scores[0], scores[1]),
+        plain_score=welch(panel.plain[chosen[0]], panel.plain[chosen[1]]),
         p_value=float(test.p_value),
         adjusted_p=np.nan,
         exact=test.exact,
@@ -171,7 +173,8 @@ def _compare(panel: Panel, first: str, second: str, seed: int) -> Comparison:
 
 def _verdict(one: Comparison) -> str:
     if one.adjusted_p < LEVEL:
-        winner, loser = (one.first, one.second) if one.score.difference > 0 else (one.second, one.first)
+        ahead = one.adjusted_score.difference > 0
+        winner, loser = (one.first, one.second) if ahead else (one.second, one.first)
         return f"{winner} beats {loser}"
     if one.adjusted_equivalence_p < LEVEL:
         return f"{one.first} and {one.second} are equivalent within {MARGIN:g} Elo"

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecombat_jax.arena.panel import Panel
 from dronecombat_jax.arena.result import Entrant, TournamentResult, by_training, score_rate
 
 
@@ -40,6 +41,17 @@ class Forgetting(NamedTuple):
     backward_transfer: float  # mean over i < T of W[T, i] - W[i, i]: below 0, the final policy lost what it could
     worst_past: NDArray[np.float64]  # [T] min over i <= t of W[t, i]; the noise of few fights pulls it down
     final_worst: float  # its last entry
+
+
+class AtHome(NamedTuple):
+    """A final defender against its own run's attackers, less what strengths explain.
+
+    Raw scores at home tell of the attackers, too: of equal defenders the one with the weaker
+    attackers looks better there.
+    """
+
+    advantage: float  # mean score beyond both strengths: does it know them by heart?
+    worst: float  # the least score, were all attackers as strong as the panel's mean
 
 
 def run_maps(result: TournamentResult, rate: NDArray | None = None) -> tuple[RunMap, ...]:
@@ -106,6 +118,29 @@ def home_and_away(result: TournamentResult, run: str) -> tuple[float, float]:
         if len(met):
             (home if other == run else away).append(met.mean())
     return _mean(np.asarray(home)), _mean(np.asarray(away))
+
+
+def at_home(result: TournamentResult, panel: Panel) -> dict[str, AtHome]:
+    """For every run of `panel` that met own attackers which another run met, too."""
+    trainings = by_training(result.attackers)
+    finals = [by_training(result.defenders)[run][-1][0] for run in panel.runs]
+    rate = score_rate(result)[finals]
+    away = rate.copy()
+    for row, run in enumerate(panel.runs):
+        away[row, [index for index, _ in trainings.get(run, ())]] = np.nan
+    # How much easier than the panel's mean an attacker is, by the defenders that it does not know.
+    beyond = away - panel.adjusted[:, None]
+    ease = np.asarray([_mean(column[~np.isnan(column)]) for column in beyond.T])
+    fates = {}
+    for row, run in enumerate(panel.runs):
+        members = np.unique([index for index, _ in trainings.get(run, ())]).astype(int)
+        adjusted = rate[row, members] - ease[members]
+        adjusted = adjusted[~np.isnan(adjusted)]
+        if len(adjusted):
+            advantage = _mean(adjusted) - float(panel.adjusted[row])
+            # To 12 digits, as `panel.mean_scores` does.
+            fates[run] = AtHome(round(advantage, 12), round(float(adjusted.min()), 12))
+    return fates
 
 
 def _places(saved: Sequence[tuple[int, Entrant]], chunks: NDArray) -> tuple[list[int], NDArray[np.integer]]:

@@ -122,7 +122,7 @@ def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | 
         follow = lambda: one_per_fight(pilots, jnp.maximum(side.pilot, 0))(state, observation, key)
         if not actions:
             return follow()
-        other = jax.lax.cond(jnp.any(scripted), follow, lambda: jnp.zeros_like(actions[0]))
+        other: jax.Array = jax.lax.cond(jnp.any(scripted), follow, lambda: jnp.zeros_like(actions[0]))
         return jnp.where(scripted[:, None], other, actions[0])
 
     return act

@@ -25,14 +25,16 @@ from dronecombat_jax.types import (
 
 
 def policy_pilot(learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False) -> Pilot:
-    """Fly `policy` as `role`: its mean action, or a draw from it."""
+    """Fly `policy` as `role`: its mean action, or a draw from it.
+
+    Its log-std is taken as it is: `runs.policy.as_flown` puts it into its bounds.
+    """
 
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
         mean = policy_mean(learn, policy, observation[:, role])
         if not stochastic:
             return mean
-        log_std = jnp.clip(policy.log_std, learn.min_log_std, learn.max_log_std)
-        return mean + jnp.exp(log_std) * jax.random.normal(key, mean.shape)
+        return mean + jnp.exp(policy.log_std) * jax.random.normal(key, mean.shape)
 
     return act
 

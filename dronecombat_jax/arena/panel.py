@@ -2,6 +2,11 @@
 
 Fixed beforehand: the panel is the final and every tenth attacker of all runs, and the scripted pilots; a run's own
 attackers do not count for it. Every attacker weighs the same.
+
+The number is the ADJUSTED score. In the plain mean a run of method X meets n - 1 of X's attackers
+and n of Y's, a run of Y the reverse: equal defenders then differ by what the attackers differ over
+2 n - 1. Here what a run did not fly, the cell against its own attackers, is predicted from the two
+strengths, and the mean goes over all cells.
 """
 
 from collections.abc import Sequence
@@ -23,10 +28,11 @@ class Panel(NamedTuple):
     methods: tuple[str, ...]  # [R]
     seeds: tuple[int, ...]  # [R]
     steps: tuple[int, ...]  # [R] trained; unequal ones are compared as they are
-    score: NDArray[np.float64]  # [R] mean score away
-    adjusted: NDArray[np.float64]  # [R] the same, as if all had met all: see `additive_scores`
+    adjusted: NDArray[np.float64]  # [R] mean score as if all had met all; NaN: cannot be known
+    plain: NDArray[np.float64]  # [R] mean score away, tilted by whose attackers are left out
     fights: NDArray[np.integer]  # [R] behind it
     table: NDArray[np.float64]  # [R, G] mean score by group; NaN at home
+    filled: NDArray[np.float64]  # [R, G] the same, at home what `fill_home` predicts
     groups: tuple[str, ...]  # [G] run, or "" for a scripted pilot
     group_methods: tuple[str, ...]  # [G]
     weights: NDArray[np.float64]  # [G] attackers in it
@@ -58,15 +64,17 @@ def away_panel(result: TournamentResult, every: int = EVERY) -> Panel:
     member = np.asarray([[_group(player) == name for player in players] for name in names]).reshape(len(names), -1)
     weights = member.sum(axis=1).astype(float)
     table = _average(cells, member)
+    filled = fill_home(table, weights)
     return Panel(
         runs=tuple(one.lineage for one in kept),
         methods=tuple(one.method for one in kept),
         seeds=tuple(one.seed for one in kept),
         steps=tuple(one.steps for one in kept),
-        score=_average(cells, np.ones((1, len(players)), bool))[:, 0],
-        adjusted=additive_scores(table, weights),
+        adjusted=mean_scores(filled, weights),
+        plain=_average(cells, np.ones((1, len(players)), bool))[:, 0],
         fights=(~np.isnan(cells)).sum(axis=1) * result.cause.shape[2],
         table=table,
+        filled=filled,
         groups=tuple(run for run, _, _ in names),
         group_methods=tuple(method for _, method, _ in names),
         weights=weights,
@@ -94,11 +102,15 @@ def cells_needed(defenders: Sequence[Entrant], attackers: Sequence[Entrant]) -> 
     return needed
 
 
-def additive_scores(table: NDArray, weights: NDArray) -> NDArray[np.float64]:
-    """Row effects [R] of the least-squares fit row + column to `table` [R, G], at the mean column; NaN cells are left out.
+def fill_home(table: NDArray, weights: NDArray) -> NDArray[np.float64]:
+    """Fill the NaN cells of `table` [R, G] by row + column, fitted with `weights` [G].
 
-    A run never meets its own attackers, so of two methods with n runs each the plain mean favours the one with the
-    stronger attackers, by the difference that these make over (2 n - 1); this one does not.
+    Least squares; all NaN stay where the cells fall into parts without a fight between them. No
+    method's name is used, every run and every group has a number of its own: adjusted scores stay
+    as they are when runs are relabelled, and nothing that an attacker adds is left in their
+    differences. Among equal methods they are exchangeable, since each run lacks its own cell alone
+    (exactly so where all groups weigh the same). So the permutation test relabels adjusted scores
+    as it would plain ones.
     """
     rows, columns = np.nonzero(~np.isnan(table))
     size, groups = table.shape
@@ -106,8 +118,18 @@ def additive_scores(table: NDArray, weights: NDArray) -> NDArray[np.float64]:
     design[np.arange(len(rows)), rows] = 1.0
     design[np.arange(len(rows)), size + columns] = 1.0
     root = np.sqrt(weights[columns])
-    effects = np.linalg.lstsq(design * root[:, None], table[rows, columns] * root, rcond=None)[0]
-    return effects[:size] + effects[size:] @ weights / weights.sum() if len(rows) else np.full(size, np.nan)
+    target = table[rows, columns] * root
+    effects, _, rank, _ = np.linalg.lstsq(design * root[:, None], target, rcond=None)
+    known = rank == size + groups - 1  # all but the one constant that rows and columns may exchange
+    predicted = effects[:size, None] + effects[size:] if known else np.nan
+    return np.where(np.isnan(table), predicted, table)
+
+
+def mean_scores(filled: NDArray, weights: NDArray) -> NDArray[np.float64]:
+    """Mean [R] over all attackers of `filled` [R, G], to 12 digits: equal means are equal bits."""
+    if not weights.size:
+        return np.full(len(filled), np.nan)
+    return np.round(filled @ weights / weights.sum(), 12)
 
 
 def _different(

@@ -5,6 +5,7 @@ the percentile bootstrap over 8 seeds errs 10 % of the time.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import combinations
 from math import comb
 from typing import NamedTuple
@@ -25,6 +26,7 @@ class Permutation(NamedTuple):
     exact: bool  # all of them, not a sample
 
 
+@lru_cache(maxsize=4)  # a verdict asks five times for the same
 def relabellings(first: int, second: int, seed: int = 0) -> tuple[NDArray[np.bool_], bool]:
     """Every way [R, first + second] to choose `first` of the runs (true), the given one in row 0; and whether all."""
     total, ways = first + second, comb(first + second, first)
@@ -37,6 +39,7 @@ def relabellings(first: int, second: int, seed: int = 0) -> tuple[NDArray[np.boo
         chosen = np.concatenate([np.arange(first)[None], drawn])
     labels = np.zeros((len(chosen), total), bool)
     labels[np.arange(len(chosen))[:, None], chosen] = True
+    labels.flags.writeable = False  # all callers share it
     return labels, exact
 
 
@@ -140,6 +143,10 @@ def _studentised(labels: NDArray, cells: NDArray) -> NDArray[np.float64]:
 
 
 def _share(statistics: NDArray, scale: NDArray) -> NDArray[np.float64]:
-    """How many of `statistics` [R, ...] are as extreme as the first, up to the rounding of values of size `scale`."""
+    """How many of `statistics` [R, ...] are as extreme as the first; rounding is of size `scale`.
+
+    NaN where a value is NaN: nothing is known then, least of all that none is as extreme.
+    """
     size = np.abs(statistics)
-    return np.mean(size >= size[0] - 1e-12 * scale, axis=0)
+    share = np.mean(size >= size[0] - 1e-12 * scale, axis=0)
+    return np.where(np.isnan(scale), np.nan, share)

@@ -4,12 +4,14 @@ In here: the geometric attitude controller and the limits of thrust and altitude
 (`scripted`).
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.config import Config
+from dronecombat_jax.sim.flight import principal_axes
 from dronecombat_jax.sim.rotation import rotate_inverse
 from dronecombat_jax.sim.scene import Scene
 
@@ -29,7 +31,7 @@ class Airframe(NamedTuple):
 
     gravity: float  # m/s^2
     max_force: float  # full thrust over mass, m/s^2
-    inertia: jax.Array  # [3] kg m^2
+    momentum: Callable[[jax.Array], jax.Array]  # of rates [..., 3] rad/s, body frame: kg m^2/s
     moment_scale: float  # N m at full deflection
     attitude_gain: float  # 1/s^2
     rate_gain: float  # 1/s
@@ -47,10 +49,12 @@ def airframe(config: Config, scene: Scene, role: int) -> Airframe:
     sim, step = config.sim, config.control_dt
     gravity = float(scene.weight[role] / scene.mass[role])
     gap = 1.0 - POLE
+    inertia = jnp.asarray(scene.inertia[role], jnp.float32)
+    inwards, outwards = principal_axes(scene, role)
     return Airframe(
         gravity=gravity,
         max_force=sim.thrust_to_weight * gravity,
-        inertia=jnp.asarray(scene.inertia[role], jnp.float32),
+        momentum=lambda rate: outwards(inertia * inwards(rate)),
         moment_scale=max(sim.moment_scale, 1e-9),
         attitude_gain=gap**2 / step**2,
         rate_gain=(2.0 * gap - gap**2 * (sim.substeps + 1) / (2 * sim.substeps)) / step,
@@ -74,7 +78,7 @@ def steer(body: Airframe, quaternion: jax.Array, rate: jax.Array, force: jax.Arr
     angle = jnp.arctan2(sine, wanted[:, 2:])
     tilt = body.attitude_gain * angle * axis - body.rate_gain * rate[:, :2]
     acceleration = jnp.concatenate([tilt, -body.spin_gain * rate[:, 2:]], axis=-1)
-    moment = body.inertia * acceleration + jnp.cross(rate, body.inertia * rate)
+    moment = body.momentum(acceleration) + jnp.cross(rate, body.momentum(rate))
     thrust = 2.0 * wanted[:, 2:] / body.max_force - 1.0
     return jnp.clip(jnp.concatenate([thrust, moment / body.moment_scale], axis=-1), -1.0, 1.0)
 

@@ -120,7 +120,8 @@ class Combat:
 
         events = detect(game, before.position, drones.position, state.target, state.out, clock)
         cause = jnp.where(jnp.any(invalid), forfeit(invalid), judge(game, events))
-        cause = jnp.where(sane, cause, jnp.int32(Cause.DIVERGED))
+        diverged: jax.Array = jnp.int32(Cause.DIVERGED)
+        cause = jnp.where(sane, cause, diverged)
         terms = reward_terms(self.config, drones, state.target, events, state.out, cause)
         terms = jax.tree.map(lambda term: jnp.where(sane & ~jnp.any(invalid), term, 0.0), terms)
 
@@ -136,6 +137,8 @@ class Combat:
             cause=cause,
             terminated=(cause != Cause.NONE) & ~truncated,
             truncated=truncated,
+            active=sane & ~state.out & ~invalid,
+            idle=sane & state.out,
         )
         return after, output
 

@@ -1,17 +1,20 @@
-"""Which game a policy knows: the settings and the observation that its actions depend on, and their sha256.
+"""Which game a policy knows: the settings, scene and observation that its actions depend on.
 
-What does not live here: who compares them (`runs.policy`, tournaments). Rewards and learning are no part of
-the game that a trained policy meets.
+And their sha256. What does not live here: who compares them (`runs.policy`, tournaments). Rewards
+and learning are no part of the game that a trained policy meets.
 """
 
 import hashlib
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dronecombat_jax.combat.observe import LAYOUT
 from dronecombat_jax.config import Config
 from dronecombat_jax.schema import flatten
 from dronecombat_jax.settings import SCHEMA
+
+if TYPE_CHECKING:
+    from dronecombat_jax.sim.scene import Scene
 
 # Raise it where physics, rules or observation change while the settings stay as they are.
 ENVIRONMENT_VERSION = 1
@@ -19,6 +22,9 @@ ENVIRONMENT_VERSION = 1
 _LATER = {"game.spawn_spread": 0.0, "game.defender_spread": 0.0}
 # The clock of a training run's first fights: no fight between trained policies begins with it.
 _TRAINING_ONLY = ("game.random_clock",)
+# Where a scene's file lies. What it says is in the keys of `scene.`: moved, it is the same game.
+_PLACES = ("sim.mjcf",)
+SCENE = "scene."
 
 
 def observation_fields(observation: str) -> tuple[tuple[str, int], ...]:
@@ -28,19 +34,30 @@ def observation_fields(observation: str) -> tuple[tuple[str, int], ...]:
     return tuple((name.replace("_d", "_self").replace("_a", "_other"), size) for name, size in LAYOUT)
 
 
-def environment(config: Config) -> dict[str, Any]:
-    """What a trained policy meets, as plain JSON: version, observation, settings of `sim` and `game` by dotted key."""
+def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
+    """What a trained policy meets, as plain JSON by dotted key.
+
+    Version, observation, settings of `sim` and `game`, and as `scene.KEY` each number of the scene
+    that is not the package's own. `scene`: as it was loaded for `config`; without it the MJCF is
+    read anew. Raises UserError where it cannot be.
+    """
+    from dronecombat_jax.sim.flown import differences  # MuJoCo, which a policy file can do without
+    from dronecombat_jax.sim.source import flown_of
+
     values = flatten(config)
     met = [
         key
         for key in SCHEMA
-        if key.startswith(("sim.", "game.")) and key not in _TRAINING_ONLY and values[key] != _LATER.get(key)
+        if key.startswith(("sim.", "game."))
+        and key not in (*_TRAINING_ONLY, *_PLACES)
+        and values[key] != _LATER.get(key)
     ]
     fields = [list(field) for field in observation_fields(config.game.observation)]
     return {
         "version": ENVIRONMENT_VERSION,
         "observation_fields": fields,
         **{key: SCHEMA[key].normal(values[key]) for key in met},  # 1 and 1.0 are the same setting
+        **differences(scene.flown if scene else flown_of(config.sim), config.sim.body),
     }
 
 
@@ -51,12 +68,18 @@ def canonical(environment: dict[str, Any]) -> str:
 
 def environment_digest(config: Config) -> str:
     """sha256 in hex of the canonical spelling: equal where policies may fight each other."""
-    return hashlib.sha256(canonical(environment(config)).encode()).hexdigest()
+    return digest_of(environment(config))
+
+
+def digest_of(environment: dict[str, Any]) -> str:
+    """sha256 in hex of an environment."""
+    return hashlib.sha256(canonical(environment).encode()).hexdigest()
 
 
 def environment_diff(saved: dict[str, Any], here: dict[str, Any]) -> list[str]:
     """One line for each part in which two environments differ; foreign values are spelt as JSON."""
-    spelt = lambda side, key: json.dumps(side[key]) if key in side else "nothing"
+    absent = lambda key: "the package's own" if key.startswith(SCENE) else "nothing"
+    spelt = lambda side, key: json.dumps(side[key]) if key in side else absent(key)
     return [
         f"{key} is {spelt(saved, key)} there, {spelt(here, key)} here"
         for key in sorted(saved.keys() | here.keys())

@@ -9,12 +9,12 @@ import optax
 from dronecombat_jax.config import LearnConfig
 from dronecombat_jax.learn import ppo
 from dronecombat_jax.learn.networks import (
-    bounded_log_std,
     forward,
     forward_columns,
     gaussian_entropy,
     gaussian_log_prob,
     init_parameters,
+    project_log_std,
 )
 from dronecombat_jax.learn.normalize import denormalize, init_scaler, normalize, update_scaler
 from dronecombat_jax.learn.rollout import scaled, select
@@ -38,7 +38,7 @@ def optimizer(learn: LearnConfig) -> Any:
 
 def init_learner(key: jax.Array, learn: LearnConfig) -> Learner:
     """One agent before training."""
-    parameters = init_parameters(key, learn)
+    parameters = project_log_std(init_parameters(key, learn), learn)
     return Learner(
         parameters=parameters,
         optimizer=optimizer(learn).init(parameters),
@@ -69,8 +69,8 @@ def learn_from(
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *results)
 
 
-def without(solo_envs: int, rollout: Transition) -> Transition:
-    """The environments of `rollout` [T, N, ...] in which both fly: all but the first `solo_envs`."""
+def without(solo_envs: int, rollout: Any) -> Any:
+    """The environments of `rollout`, leaves [T, N, ...], in which both fly: all but the first `solo_envs`."""
     return jax.tree.map(lambda leaf: leaf[:, solo_envs:], rollout) if solo_envs else rollout
 
 
@@ -93,20 +93,42 @@ def update_learner(
     """Update one agent on its own part of the rollout; observation statistics move afterwards, once."""
     observation = rollout.observation[:, :, agent]
     value, next_value = estimate_values(learn, learner, rollout, agent)
+    weight, value_weight = step_weights(learn, rollout, agent)
+
+    def counted(leaf: jax.Array) -> jax.Array:
+        """0 where there is no weight: what stands there may be anything, such as an action of NaN."""
+        return jnp.where(weight.reshape(*weight.shape, *[1] * (leaf.ndim - 2)) > 0.0, leaf, 0.0)
+
     learner, batch = prepare_batch(
         learn,
         learner,
         observation=scaled(learn, learner.observation_scaler, observation),
-        action=rollout.action[:, :, agent],
-        log_prob=rollout.log_prob[:, :, agent],
+        action=counted(rollout.action[:, :, agent]),
+        log_prob=counted(rollout.log_prob[:, :, agent]),
         reward=rollout.reward[:, :, agent],
         value=value,
         next_value=next_value,
         terminated=rollout.terminated,
         truncated=rollout.truncated,
+        weight=weight,
+        value_weight=value_weight,
     )
     learner, metrics = optimize(learn, learner, batch, key)
-    return learner.replace(observation_scaler=update_scaler(learner.observation_scaler, observation)), metrics
+    scaler = update_scaler(learner.observation_scaler, observation, weight)
+    return learner.replace(observation_scaler=scaler), metrics
+
+
+def step_weights(learn: LearnConfig, rollout: Transition, agent: int) -> tuple[jax.Array, jax.Array]:
+    """What each step weighs for one agent's policy and for its value function, both [T, N] and 0 or 1.
+
+    A step in which its action had no effect teaches a policy nothing. But the return of the step in which a drone
+    goes down holds what comes later, as the value function sees it; so that goes on learning
+    (`learn.inactive_steps`). A step with an action that was not finite, or whose physics diverged, teaches neither.
+    """
+    active, idle = rollout.active[:, :, agent], rollout.idle[:, :, agent]
+    policy = active | idle if learn.inactive_steps == "all" else active
+    value = active if learn.inactive_steps == "none" else active | idle
+    return policy.astype(jnp.float32), value.astype(jnp.float32)
 
 
 def estimate_values(
@@ -153,6 +175,8 @@ def prepare_batch(
     next_value: jax.Array,
     terminated: jax.Array,
     truncated: jax.Array,
+    weight: jax.Array,
+    value_weight: jax.Array,
 ) -> tuple[Learner, Batch]:
     """Advantages and normalised value targets; all arguments [T, N, ...], `observation` already scaled.
 
@@ -164,12 +188,13 @@ def prepare_batch(
     advantage = ppo.generalized_advantages(reward, value, next_value, ends, done, learn.discount, learn.gae_lambda)
     target = advantage + value
     if learn.normalize_values:
-        scaler = update_scaler(learner.value_scaler, value)
+        scaler = update_scaler(learner.value_scaler, value, value_weight)
         value = normalize(scaler, value)
-        scaler = update_scaler(scaler, target)
+        scaler = update_scaler(scaler, target, value_weight)
         target = normalize(scaler, target)
         learner = learner.replace(value_scaler=scaler)
-    return learner, Batch(observation, action, log_prob, ppo.normalize_advantages(advantage), value, target)
+    advantage = ppo.normalize_advantages(advantage, weight)
+    return learner, Batch(observation, action, log_prob, advantage, value, target, weight, value_weight)
 
 
 def optimize(learn: LearnConfig, learner: Learner, batch: Batch, key: jax.Array) -> tuple[Learner, UpdateMetrics]:
@@ -183,36 +208,41 @@ def optimize(learn: LearnConfig, learner: Learner, batch: Batch, key: jax.Array)
         norm = optax.tree.norm(gradients)
         direction, stepped = adam.update(gradients, state, parameters)
         moved = optax.apply_updates(parameters, jax.tree.map(lambda leaf: -learning_rate * leaf, direction))
-        # A step whose gradient is not finite is skipped: parameters and moments stay as they are.
+        # A step whose gradient is not finite is skipped: parameters and moments stay as they are. So is one
+        # that nothing was learnt for: momentum alone would move the parameters.
         finite = jnp.isfinite(norm)
-        keep = lambda new, old: jnp.where(finite, new, old)
+        taken = finite & jnp.any(minibatch.weight + minibatch.value_weight > 0.0)
+        keep = lambda new, old: jnp.where(taken, new, old)
+        moved = project_log_std(moved, learn)  # pyright: ignore[reportArgumentType] - as they came
         carry = (jax.tree.map(keep, moved, parameters), jax.tree.map(keep, stepped, state), learning_rate)
-        return carry, (*metrics, norm, ~finite)
+        weights = jnp.sum(minibatch.weight), jnp.sum(minibatch.value_weight)
+        return carry, (metrics, weights, norm, ~finite)
 
     def epoch(carry: tuple, key: jax.Array):
         carry, metrics = jax.lax.scan(step, carry, cut(learn, flat, key))
         parameters, state, learning_rate = carry
-        *_, divergence, _, _, skipped = metrics
+        (*_, divergence, _), (weight, _), _, skipped = metrics
         # Skipped steps moved nothing: their divergence of 0 would drive the rate up. All skipped: NaN, no change.
-        kl = jnp.mean(divergence, where=~skipped)
+        kl = jnp.sum(divergence * weight, where=~skipped) / jnp.sum(weight, where=~skipped)
         return (parameters, state, ppo.adapt_learning_rate(learn, learning_rate, kl)), (metrics, kl)
 
     carry = (learner.parameters, learner.optimizer, learner.learning_rate)
     carry, (metrics, kl) = jax.lax.scan(epoch, carry, jax.random.split(key, learn.epochs))
     parameters, state, learning_rate = carry
     learner = learner.replace(parameters=parameters, optimizer=state, learning_rate=learning_rate)
-    policy_loss, value_loss, entropy, _, clip_fraction, norm, skipped = metrics
+    (policy_loss, value_loss, entropy, _, clip_fraction), (weight, value_weight), norm, skipped = metrics
     return learner, UpdateMetrics(
-        policy_loss=jnp.mean(policy_loss),
-        value_loss=jnp.mean(value_loss),
-        entropy=jnp.mean(entropy),
+        policy_loss=ppo.weighted_mean(policy_loss, weight),
+        value_loss=ppo.weighted_mean(value_loss, value_weight),
+        entropy=ppo.weighted_mean(entropy, weight),
         kl=kl[-1],
-        clip_fraction=jnp.mean(clip_fraction),
+        clip_fraction=ppo.weighted_mean(clip_fraction, weight),
         grad_norm=jnp.mean(norm),
         skipped=jnp.sum(skipped, dtype=jnp.int32),
         learning_rate=learning_rate,
-        explained_variance=ppo.explained_variance(batch.target, batch.value),
-        log_std=jnp.mean(bounded_log_std(parameters, learn)),
+        explained_variance=ppo.explained_variance(batch.target, batch.value, batch.value_weight),
+        log_std=jnp.mean(parameters.log_std),
+        active_share=jnp.mean(batch.weight),
     )
 
 
@@ -229,13 +259,17 @@ def cut(learn: LearnConfig, batch: Batch, key: jax.Array) -> Batch:
 def loss(learn: LearnConfig, parameters: Parameters, batch: Batch) -> tuple[jax.Array, tuple]:
     """The loss of eq. 18 on one mini-batch [..., B], features first, and what it is made of."""
     mean = forward_columns(parameters.policy, batch.observation)
-    log_std = bounded_log_std(parameters, learn)
+    weight, log_std = batch.weight, parameters.log_std
     log_ratio = gaussian_log_prob(batch.action.T, mean.T, log_std) - batch.log_prob
+    log_ratio = jnp.where(weight > 0.0, log_ratio, 0.0)  # elsewhere exp(log_ratio) could be infinite
     value = forward_columns(parameters.value, batch.observation)[0]
 
-    policy_loss = ppo.policy_loss(log_ratio, batch.advantage, learn.clip_ratio)
-    value_loss = ppo.value_loss(value, batch.value, batch.target, learn.clip_value, learn.value_loss)
-    entropy = jnp.mean(gaussian_entropy(log_std))
+    policy_loss = ppo.policy_loss(log_ratio, batch.advantage, weight, learn.clip_ratio)
+    value_loss = ppo.value_loss(
+        value, batch.value, batch.target, batch.value_weight, learn.clip_value, learn.value_loss
+    )
+    entropy = jnp.mean(gaussian_entropy(log_std)) * jnp.any(weight > 0.0)  # the same at every step
     total = policy_loss + learn.value_loss_scale * value_loss - learn.entropy_scale * entropy
-    clipped = jnp.mean(jnp.abs(jnp.expm1(log_ratio)) > learn.clip_ratio)
-    return total, (policy_loss, value_loss, entropy, ppo.approximate_kl(log_ratio), clipped)
+    clipped = ppo.weighted_mean(jnp.abs(jnp.expm1(log_ratio)) > learn.clip_ratio, weight)
+    kl = ppo.approximate_kl(log_ratio, weight)
+    return total, (policy_loss, value_loss, entropy, kl, clipped)

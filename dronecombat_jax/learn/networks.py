@@ -99,6 +99,11 @@ def gaussian_entropy(log_std: jax.Array) -> jax.Array:
     return log_std + 0.5 * jnp.log(2.0 * jnp.pi * jnp.e)
 
 
-def bounded_log_std(parameters: Parameters, learn: LearnConfig) -> jax.Array:
-    """The log standard deviation [4], kept in its bounds."""
-    return jnp.clip(parameters.log_std, learn.min_log_std, learn.max_log_std)
+def project_log_std(parameters: Parameters, learn: LearnConfig) -> Parameters:
+    """The same with the log standard deviation [4] moved to its nearest bound where it has left them.
+
+    After every gradient step, and not in the loss: a clip there has no gradient beyond a bound, so that a parameter
+    could never come back.
+    """
+    bounded = jnp.clip(parameters.log_std, learn.min_log_std, learn.max_log_std)
+    return parameters.replace(log_std=bounded)

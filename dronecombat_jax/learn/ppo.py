@@ -1,5 +1,7 @@
 """PPO's mathematics on plain arrays: advantages, losses, the KL schedule. No networks, no loops over data.
 
+Every mean is over the steps that count: `weight` is 1 for them and 0 for all others (MAPPO's active masks, Yu et al. 2022).
+
 Sources: GAE, Schulman 2016 (eq. 15); PPO, Schulman 2017 (eq. 14, 16); forms as in skrl 1.4.3.
 """
 
@@ -36,22 +38,31 @@ def generalized_advantages(
     return advantages
 
 
-def normalize_advantages(advantage: jax.Array) -> jax.Array:
-    """Zero mean, unit deviation (ddof 1) over the whole rollout."""
-    return (advantage - jnp.mean(advantage)) / (jnp.std(advantage, ddof=1) + 1e-8)
+def weighted_mean(x: jax.Array, weight: jax.Array) -> jax.Array:
+    """Mean of `x` where `weight` is 1, both [...]; 0 where no weight is. What has weight 0 must be finite."""
+    return jnp.sum(x * weight) / jnp.maximum(jnp.sum(weight), 1.0)
 
 
-def policy_loss(log_ratio: jax.Array, advantage: jax.Array, clip: float) -> jax.Array:
+def normalize_advantages(advantage: jax.Array, weight: jax.Array) -> jax.Array:
+    """Zero mean, unit deviation (ddof 1) over those steps of the whole rollout whose `weight` is 1; 0 elsewhere."""
+    counted = weight > 0.0
+    deviation = jnp.where(counted, advantage - weighted_mean(jnp.where(counted, advantage, 0.0), weight), 0.0)
+    variance = jnp.sum(deviation**2) / jnp.maximum(jnp.sum(weight) - 1.0, 1.0)
+    return deviation / (jnp.sqrt(variance) + 1e-8)
+
+
+def policy_loss(log_ratio: jax.Array, advantage: jax.Array, weight: jax.Array, clip: float) -> jax.Array:
     """Clipped surrogate loss (eq. 16), a scalar to minimise; arguments [B]."""
     ratio = jnp.exp(log_ratio)
     clipped = jnp.clip(ratio, 1.0 - clip, 1.0 + clip)
-    return -jnp.mean(jnp.minimum(ratio * advantage, clipped * advantage))
+    return -weighted_mean(jnp.minimum(ratio * advantage, clipped * advantage), weight)
 
 
 def value_loss(
     value: jax.Array,
     old_value: jax.Array,
     target: jax.Array,
+    weight: jax.Array,
     clip: float,
     form: Literal["skrl", "ppo2_max", "paper_min", "plain"],
 ) -> jax.Array:
@@ -68,12 +79,12 @@ def value_loss(
         "paper_min": lambda: jnp.minimum(plain, clipped),
         "plain": lambda: plain,
     }
-    return jnp.mean(forms[form]())
+    return weighted_mean(forms[form](), weight)
 
 
-def approximate_kl(log_ratio: jax.Array) -> jax.Array:
+def approximate_kl(log_ratio: jax.Array, weight: jax.Array) -> jax.Array:
     """Mean of (r - 1) - log r, Schulman's k3 estimate."""
-    return jnp.mean(jnp.expm1(log_ratio) - log_ratio)
+    return weighted_mean(jnp.expm1(log_ratio) - log_ratio, weight)
 
 
 def adapt_learning_rate(learn: LearnConfig, learning_rate: jax.Array, kl: jax.Array) -> jax.Array:
@@ -86,8 +97,9 @@ def adapt_learning_rate(learn: LearnConfig, learning_rate: jax.Array, kl: jax.Ar
     return jnp.where(kl > learn.kl_target * learn.kl_factor, lower, adapted)
 
 
-def explained_variance(target: jax.Array, value: jax.Array) -> jax.Array:
+def explained_variance(target: jax.Array, value: jax.Array, weight: jax.Array) -> jax.Array:
     """1 - Var(target - value) / Var(target); 0 where the target is constant."""
-    variance = jnp.var(target)
-    explained = 1.0 - jnp.var(target - value) / jnp.maximum(variance, 1e-12)
-    return jnp.where(variance > 1e-12, explained, 0.0)
+    variance = lambda x: weighted_mean((x - weighted_mean(x, weight)) ** 2, weight)
+    whole = variance(target)
+    explained = 1.0 - variance(target - value) / jnp.maximum(whole, 1e-12)
+    return jnp.where(whole > 1e-12, explained, 0.0)

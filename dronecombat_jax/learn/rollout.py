@@ -104,5 +104,7 @@ def _transition(
         cause=output.cause,
         clock=after.clock,
         out=after.out,
+        active=output.active,
+        idle=output.idle,
         reward_terms=output.reward_terms,
     )

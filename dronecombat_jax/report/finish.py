@@ -1,6 +1,5 @@
 """What a finished run leaves for a person: learning curves, an evaluation, a picture and a video of a fight."""
 
-import json
 from pathlib import Path
 
 import jax
@@ -10,13 +9,15 @@ from dronecombat_jax.arena.match import policy_pilot, record, start_fights, traj
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.report.figures import learning_curves
+from dronecombat_jax.report.replay import write_replay
 from dronecombat_jax.report.video import render_fight
 from dronecombat_jax.runs import metrics
-from dronecombat_jax.runs.evaluation import Match, SavedRun, evaluate, load_run, policies
+from dronecombat_jax.runs.evaluation import Match, SavedRun, evaluate, is_own, load_run, policies
 from dronecombat_jax.runs.rundir import RunDirectory
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, FightRecord, Policy, Trajectory
 
 RECORDED_FIGHTS = 32
+EVOLUTION = "dronecombat replay --evolution"
 
 
 def finish(config: Config) -> None:
@@ -29,7 +30,7 @@ def finish(config: Config) -> None:
         return
     if config.run.figures:
         _draw_curves(run)
-    evaluate(run.path, Match(config.run.evaluation_fights))
+    evaluate(run.path, Match(), own_fights=config.run.evaluation_fights)
     if config.run.video:
         saved = load_run(run.path)
         fight = typical_fight(saved, 0)
@@ -46,6 +47,9 @@ def finish(config: Config) -> None:
             print(f"no picture of a fight: {error.message}", flush=True)
         else:
             print(f"a fight: {run.figures / 'fight.png'} and {run.video}", flush=True)
+    if config.run.replay:
+        write_replay(run.path)
+        print(f"replay: {run.replay} (open it in a browser; over the training: {EVOLUTION} {run.path})", flush=True)
 
 
 def _draw_curves(run: RunDirectory) -> None:
@@ -66,10 +70,15 @@ def _is_finished(run: RunDirectory, config: Config) -> bool:
     wanted = [run.evaluation]
     wanted += [run.figures / "learning.png"] if config.run.figures else []
     wanted += [run.video] if config.run.video else []
+    wanted += [run.replay] if config.run.replay else []
     if not all(path.is_file() for path in wanted):
         return False
     steps = config.num_chunks * config.steps_per_chunk
-    return all(result["steps"] == steps for result in json.loads(run.evaluation.read_text()))
+    try:
+        return is_own(run.evaluation, steps, config.train.num_seeds, config.run.evaluation_fights)
+    except UserError as error:
+        print(f"{error.message}; its fights are flown anew", flush=True)
+        return False
 
 
 def typical_fight(run: SavedRun, seed_index: int) -> Trajectory:

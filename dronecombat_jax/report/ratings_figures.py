@@ -96,7 +96,7 @@ def ratings_over_time(study: Study) -> Figure:
             ax.set_title(f"{name(method)}: {heading}", fontsize=10.5)
             time_axis(ax)
         row[0].set_ylabel("Elo points")
-    trained = np.asarray([bool(one.lineage) for one in study.entrants])
+    trained = np.asarray([bool(one.lineage) for one in study.entrants], bool)
     axes[0][0].set_ylim(*_limits(np.concatenate([values[trained] for values in (*study.scale, *study.elo_scale)])))
     _legend(axes[0][0]) if study.methods else [nothing(ax, NO_TRAINING) for ax in axes[0]]
     return figure

@@ -123,7 +123,11 @@ def memory(study: Study) -> Table:
         "method run defender_backward_transfer defender_worst_past attacker_backward_transfer attacker_worst_past "
         "final_defender_home final_defender_away home_minus_away"
     )
-    about = "Mean scores, a win 1 and a draw 1/2. Backward transfer below 0: the final policy lost what it could."
+    about = (
+        "Mean scores, a win 1 and a draw 1/2. Backward transfer below 0: the final policy lost what "
+        "it could. Worst cases and home scores tell of the own attackers' strength, too; methods are "
+        "compared by them after an adjustment for it."
+    )
     return _table("forgetting", about, columns.split(), rows)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecombat_jax.arena.compare import LEVEL, MARGIN, Comparison, compare_methods
+from dronecombat_jax.arena.forgetting import AtHome, at_home
 from dronecombat_jax.arena.panel import EVERY, Panel, away_panel
 from dronecombat_jax.arena.permutation import holm, permutation_test, smallest_p, spread_test
 from dronecombat_jax.arena.result import TournamentResult
@@ -28,7 +29,7 @@ class Answer(NamedTuple):
     """One pair of methods."""
 
     numbers: Comparison
-    means: tuple[float, float]  # mean score of the final defenders
+    means: tuple[float, float]  # mean adjusted score of the final defenders
     sentence: str
     secondary: tuple[Secondary, ...]
 
@@ -55,15 +56,17 @@ def judge(result: TournamentResult, methods: Sequence[str] | None = None, every:
         raise UserError(f"no final defender of {', '.join(absent)} met the common attackers: {left_out}", EXIT_DATA)
     if len(chosen) < 2:
         raise UserError(f"nothing to compare: all final defenders are of {', '.join(chosen) or 'nobody'}", EXIT_DATA)
-    if not panel.groups or not np.isfinite(panel.score).all():
-        raise UserError("no attacker met the final defenders of all runs but its own: nothing to compare", EXIT_DATA)
-    remembered = memories(result)
+    if not np.isfinite(panel.adjusted).all():
+        reason = "no attacker met the final defenders of two runs but its own: nothing to compare"
+        raise UserError(reason, EXIT_DATA)
+    remembered, own = memories(result), at_home(result, panel)
     answers = []
     told = compare_methods(result, chosen, every=every)
     for one in told:
-        scores = [panel.score[np.asarray(panel.methods) == method] for method in (one.first, one.second)]
+        of = np.asarray(panel.methods)
+        scores = [panel.adjusted[of == method] for method in (one.first, one.second)]
         means = (float(scores[0].mean()), float(scores[1].mean()))
-        more = secondary(panel, remembered, one.first, one.second)
+        more = secondary(panel, remembered, own, one.first, one.second)
         answers.append(Answer(one, means, sentence(one, means, len(told)), more))
     return Verdict(tuple(answers), panel, every, int(result.played.sum()) * result.cause.shape[2])
 
@@ -73,14 +76,16 @@ def sentence(one: Comparison, means: tuple[float, float], pairs: int = 1) -> str
     test = f"{'exact' if one.exact else 'sampled'} permutation p = {one.adjusted_p:.2g}{' after Holm' * (pairs > 1)}"
     seeds = f"{one.seeds[0]} v {one.seeds[1]} training seeds"
     if one.adjusted_p < LEVEL:
-        ahead = one.score.difference > 0
+        ahead = one.adjusted_score.difference > 0
         winner, loser = (one.first, one.second) if ahead else (one.second, one.first)
         high, low = means if ahead else means[::-1]
-        ends = (one.score.low, one.score.high) if ahead else (-one.score.high, -one.score.low)
+        ends = (one.adjusted_score.low, one.adjusted_score.high)
+        ends = ends if ahead else (-ends[1], -ends[0])
         text = (
-            f"YES: {winner}'s final defender beats {loser}'s. Against attackers that it never trained with it scores "
-            f"{high:.3f}, {loser}'s {low:.3f}: {_signed(high - low)}, 95 % interval {_signed(ends[0])} to "
-            f"{_signed(ends[1])} ({test}, {seeds})."
+            f"YES: {winner}'s final defender beats {loser}'s. Against attackers that it never "
+            f"trained with, the same for both, it scores {high:.3f}, {loser}'s {low:.3f}: "
+            f"{_signed(high - low)}, 95 % interval {_signed(ends[0])} to {_signed(ends[1])} "
+            f"({test}, {seeds})."
         )
         if not one.new_attackers[0] * one.new_attackers[1] > 0:
             text += " That is against these attackers; with newly trained ones the difference may vanish."
@@ -107,24 +112,22 @@ def sentence(one: Comparison, means: tuple[float, float], pairs: int = 1) -> str
     return text
 
 
-def secondary(panel: Panel, remembered: dict[str, Memory], first: str, second: str) -> tuple[Secondary, ...]:
+def secondary(
+    panel: Panel, memory: dict[str, Memory], own: dict[str, AtHome], first: str, second: str
+) -> tuple[Secondary, ...]:
     """Spread over seeds and forgetting, as far as the tournament tells them."""
-    methods = np.asarray(panel.methods)
-    runs = list(zip(panel.runs, panel.methods, strict=True))
+    methods, runs = np.asarray(panel.methods), np.asarray(panel.runs)
     measures = {
-        "backward transfer": lambda run: remembered[run].defender.backward_transfer,
-        "worst case against the own past": lambda run: remembered[run].defender.final_worst,
-        "home minus away": lambda run: remembered[run].home - remembered[run].away,
+        "backward transfer": {run: one.defender.backward_transfer for run, one in memory.items()},
+        "worst case against the own past, adjusted": {run: fate.worst for run, fate in own.items()},
+        "home minus away, adjusted": {run: fate.advantage for run, fate in own.items()},
     }
     tests = []
-    for name, measure in measures.items():
-        one, other = (
-            _known([measure(run) for run, of in runs if of == method and run in remembered])
-            for method in (first, second)
-        )
+    for name, values in measures.items():
+        one, other = (_known(values, runs[methods == method]) for method in (first, second))
         if len(one) and len(other):
             tests.append((name, permutation_test(one, other), (len(one), len(other))))
-    one, other = (panel.score[methods == method] for method in (first, second))
+    one, other = (panel.adjusted[methods == method] for method in (first, second))
     tests.append(("spread of the score over seeds", spread_test(one, other), (len(one), len(other))))
     adjusted = holm([float(test.p_value) for _, test, _ in tests])
     return tuple(
@@ -133,8 +136,10 @@ def secondary(panel: Panel, remembered: dict[str, Memory], first: str, second: s
     )
 
 
-def _known(values: list[float]) -> NDArray[np.float64]:
-    return np.asarray([value for value in values if np.isfinite(value)], float)
+def _known(values: dict[str, float], runs: NDArray) -> NDArray[np.float64]:
+    """The values of `runs`, of those that have a finite one."""
+    found = np.asarray([values[run] for run in runs if run in values], float)
+    return found[np.isfinite(found)]
 
 
 def _signed(value: float) -> str:

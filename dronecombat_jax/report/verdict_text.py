@@ -36,37 +36,45 @@ def verdict_json(verdict: Verdict) -> dict[str, Any]:
         "level": LEVEL,
         "margin_elo": MARGIN,
         "comparisons": [
-            {"sentence": answer.sentence, "mean_score": dict(zip((answer.numbers.first, answer.numbers.second), answer.means, strict=True))}
+            {"sentence": answer.sentence, "mean_adjusted_score": _by_method(answer)}
             | {key: _tree(value) for key, value in answer.numbers._asdict().items()}
             | {"secondary": [one._asdict() for one in answer.secondary]}
             for answer in verdict.answers
         ],
         "seeds": [
-            {"run": run, "method": method, "steps": steps, "score": score, "adjusted_score": adjusted, "fights": fights}
-            for run, method, steps, score, adjusted, fights in zip(
-                panel.runs, panel.methods, panel.steps, panel.score.tolist(), panel.adjusted.tolist(), panel.fights.tolist(),
-                strict=True,
-            )
+            {
+                "run": run,
+                "method": panel.methods[row],
+                "steps": panel.steps[row],
+                "adjusted_score": float(panel.adjusted[row]),
+                "plain_score": float(panel.plain[row]),
+                "fights": int(panel.fights[row]),
+            }
+            for row, run in enumerate(panel.runs)
         ],
         "panel_every": verdict.every,
         "missing": [run for run, _ in panel.missing],
         "copies": [{"run": run, "same_as": first} for run, first in panel.copies],
         "attackers_left_out": list(panel.dropped),
         "fights": verdict.fights,
-    }  # fmt: skip
+    }
 
 
 def _block(answer: Answer) -> str:
     one = answer.numbers
+    effect = _number(one.effect, "+.2f")
     lines = [
         answer.sentence,
-        f"  mean score            {one.first} {answer.means[0]:.3f}   {one.second} {answer.means[1]:.3f}   "
-        f"at least {one.fights:,} fights a seed; a win 1, a draw 1/2",
+        f"  adjusted score        {one.first} {answer.means[0]:.3f}   "
+        f"{one.second} {answer.means[1]:.3f}   at least {one.fights:,} fights a seed; "
+        "a win 1, a draw 1/2",
+        f"{'':24}as if all had met all attackers; against a run's own, what both strengths predict",
         f"  differences are {one.first} minus {one.second}, with 95 % intervals:",
-        f"  score                 {_interval(one.score)} Welch;  Cohen's d {_number(one.effect, '+.2f')}",
-        f"  score, adjusted       {_interval(one.adjusted_score)} as if all had met the same attackers",
+        f"  adjusted score        {_interval(one.adjusted_score)} Welch;  Cohen's d {effect}",
         f"  new attackers         {_ends(one.new_attackers)} pigeonhole bootstrap over both sides' runs",
         f"  Elo                   {_interval(one.elo, '.0f')} of the score's logit",
+        f"  plain mean            {_interval(one.plain_score)} for information: "
+        "tilted towards the method with the stronger attackers",
         f"  permutation p         {one.p_value:.4g}, Holm {one.adjusted_p:.4g} ({'all' if one.exact else 'a sample of'} relabellings; "
         f"least possible {smallest_p(*one.seeds):.2g})",
         f"  equivalence p         {_number(one.equivalence_p, '.4g')}, Holm {_number(one.adjusted_equivalence_p, '.4g')} "
@@ -79,6 +87,11 @@ def _block(answer: Answer) -> str:
     if one.missing:
         lines.append(f"  left out              {', '.join(one.missing)}")
     return "\n".join(lines)
+
+
+def _by_method(answer: Answer) -> dict[str, float]:
+    one = answer.numbers
+    return dict(zip((one.first, one.second), answer.means, strict=True))
 
 
 def _interval(told: Welch, digits: str = ".3f") -> str:

@@ -6,8 +6,9 @@ cameras (`stage`) and the text (`caption`).
 
 import io
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from PIL import Image
 
 from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.report.animation import encode_gif, encode_webp
 from dronecombat_jax.report.caption import Caption, drawn_note
 from dronecombat_jax.report.stage import TARGET_COLOUR, TEAM_COLOURS, Stage
 from dronecombat_jax.runs.atomic import cannot_write, write_atomic
@@ -48,12 +50,12 @@ def render_fight(
     trajectory: Trajectory,
     scene: Scene,
     path_png: Path | None,
-    path_mp4: Path | None,
+    path_film: Path | None,
     *,
     intercept_radius: float = 0.5,
     reach_radius: float = 0.5,
 ) -> None:
-    """Draw the whole fight into `path_png` and film it into `path_mp4` (h264); None skips one.
+    """Draw the whole fight into `path_png` and film it into `path_film` (a suffix of `FILMS`); None skips one.
 
     Radii in m, of the rules in force. Raises UserError where OpenGL is missing, the trajectory is
     empty or malformed, or a file cannot be written. Files appear only when they are complete.
@@ -61,7 +63,7 @@ def render_fight(
     fight = finite_part(trajectory)
     radii = (intercept_radius, reach_radius)
     width, height = np.maximum(PICTURE_SIZE, VIDEO_SIZE)
-    for path in filter(None, (path_png, path_mp4)):
+    for path in filter(None, (path_png, path_film)):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -73,8 +75,8 @@ def render_fight(
             content = io.BytesIO()
             Image.fromarray(_picture(stage, fight, radii)).save(content, "PNG")
             write_atomic(path_png, content.getvalue())
-        if path_mp4 is not None:
-            write_atomic(path_mp4, encode(_frames(stage, fight, radii)))
+        if path_film is not None:
+            write_atomic(path_film, FILMS[path_film.suffix](_frames(stage, fight, radii)))
 
 
 def finite_part(trajectory: Trajectory) -> Trajectory:
@@ -134,6 +136,14 @@ def encode(frames: Iterator[np.ndarray]) -> bytes:
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
             container.mux(stream.encode(None))
         return path.read_bytes()
+
+
+# How frames, uint8 [height, width, 3], become a film, by the suffix of its file.
+FILMS: dict[str, Callable[[Iterator[np.ndarray]], bytes]] = {
+    ".mp4": encode,
+    ".gif": partial(encode_gif, rate=FRAME_RATE),
+    ".webp": partial(encode_webp, rate=FRAME_RATE),
+}
 
 
 def _picture(stage: Stage, fight: Trajectory, radii: tuple[float, float]) -> np.ndarray:

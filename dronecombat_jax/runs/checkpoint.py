@@ -2,6 +2,7 @@
 
     checkpoints/12/manifest.json   step, meta, paths, dtypes, shapes and digests (`manifest`)
     checkpoints/12/state/          the arrays, by orbax as numpy in one OCDBT store
+    checkpoints/players/           the past players of self-play (`past_players`), which checkpoints share
 
 What does not live here: what the state means, and who may write (`rundir.claim_run` holds the lock).
 PRNG keys are not part of a state: seeds are integers and keys are derived from them.
@@ -28,6 +29,7 @@ from dronecombat_jax.runs.manifest import (
     DamagedCheckpoint,
     Manifest,
     NewerCheckpoint,
+    Roster,
     check_files,
     encode_manifest,
     list_files,
@@ -36,15 +38,25 @@ from dronecombat_jax.runs.manifest import (
 )
 from dronecombat_jax.runs.state import Arrays, flatten, leaves_of, match_template, nonfinite, unflatten
 
-__all__ = ["CheckpointError", "latest", "load", "read_meta", "restore", "save", "steps", "verify"]
+__all__ = ["CheckpointError", "latest", "load", "read_meta", "remove", "restore", "save", "steps", "verify"]
 
 STATE_NAME = "state"
 _STEP_NAME = re.compile(r"0|[1-9][0-9]{0,17}")
 _log = logging.getLogger(__name__)
 
 
-def save(directory: Path, step: int, state: Any, meta: dict[str, Any], *, allow_nonfinite: bool = False) -> Path:
+def save(
+    directory: Path,
+    step: int,
+    state: Any,
+    meta: dict[str, Any],
+    *,
+    players: Roster | None = None,
+    allow_nonfinite: bool = False,
+) -> Path:
     """Write `state` (a pytree of NumPy arrays) and `meta` (plain JSON) as `directory/<step>`.
+
+    `players`: the past players that belong to it and are on the disk already.
 
     When this returns, the checkpoint has been read back, has verified and is on the disk. A step
     that is there already with the same arrays is left alone (`meta` is not compared).
@@ -62,7 +74,7 @@ def save(directory: Path, step: int, state: Any, meta: dict[str, Any], *, allow_
     try:
         directory.mkdir(exist_ok=True)  # not its parents: a run that was moved away must not come back empty
         temporary.mkdir()
-        _write(temporary, final, step, arrays, digest, meta)
+        _write(temporary, final, step, arrays, digest, meta, players)
         os.rename(temporary, final)
         fsync_directory(directory)
     except OSError as error:
@@ -79,16 +91,18 @@ def steps(directory: Path) -> list[int]:
     return sorted(int(entry.name) for entry in directory.iterdir() if _STEP_NAME.fullmatch(entry.name))
 
 
-def latest(directory: Path, *, set_aside: bool = True) -> int | None:
-    """The highest step that verifies, or None. Needs no JAX.
+def latest(directory: Path, *, set_aside: bool = True, below: int | None = None) -> Manifest | None:
+    """The manifest of the highest step that verifies (of those under `below`), or None. Needs no JAX.
 
     Damaged ones above it are warned of and renamed to `damaged-<step>-...`, never deleted
     (`set_aside=False`, for readers that do not hold the run's lock: only warned of).
     Raises NewerCheckpoint where a later version of this package has written one.
     """
     for step in reversed(steps(directory)):
+        if below is not None and step >= below:
+            continue
         try:
-            verify(directory, step)
+            manifest = verify(directory, step)
         except NewerCheckpoint:
             raise
         except DamagedCheckpoint as error:
@@ -98,7 +112,7 @@ def latest(directory: Path, *, set_aside: bool = True) -> int | None:
         except CheckpointError as error:
             _log.warning("checkpoint %d skipped: %s", step, error)
         else:
-            return step
+            return manifest
     return None
 
 
@@ -119,15 +133,17 @@ def read_meta(directory: Path, step: int) -> dict[str, Any]:
     return verify(directory, step).meta
 
 
-def restore(directory: Path, step: int, template: Any, *, hint: str = "", allow_nonfinite: bool = False) -> Any:
+def restore(
+    directory: Path, saved: int | Manifest, template: Any, *, hint: str = "", allow_nonfinite: bool = False
+) -> Any:
     """The saved state in the structure of `template`, as NumPy arrays, bit for bit.
 
-    `template` is a pytree of arrays or `jax.ShapeDtypeStruct`; nothing is cast or broadcast.
+    `saved`: its step, or its manifest from `latest` or `verify`, whose files are then not hashed again. `template` is a pytree of arrays or `jax.ShapeDtypeStruct`; nothing is cast or broadcast.
     Raises CheckpointError for a damaged checkpoint, for NaN or infinity, and where arrays do not
     fit: it names the first five and ends with `hint` (which setting to change).
     """
-    path = _step_path(directory, step)
-    manifest = verify(directory, step)
+    manifest = saved if isinstance(saved, Manifest) else verify(directory, saved)
+    path = _step_path(directory, manifest.step)
     expected = match_template(template, manifest.leaves, str(path), hint)
     arrays = _read(path, manifest)
     if not allow_nonfinite and (wrong := nonfinite(arrays)):
@@ -135,10 +151,21 @@ def restore(directory: Path, step: int, template: Any, *, hint: str = "", allow_
     return unflatten(template, [arrays[leaf.path] for leaf in expected])
 
 
-def load(directory: Path, step: int) -> tuple[Arrays, Manifest]:
-    """The saved arrays by path, without a template: for migration, inspection and golden files."""
-    manifest = verify(directory, step)
-    return _read(_step_path(directory, step), manifest), manifest
+def load(directory: Path, saved: int | Manifest) -> tuple[Arrays, Manifest]:
+    """The saved arrays by path, without a template: for migration, inspection and golden files; `saved` as above."""
+    manifest = saved if isinstance(saved, Manifest) else verify(directory, saved)
+    return _read(_step_path(directory, manifest.step), manifest), manifest
+
+
+def remove(directory: Path, step: int) -> None:
+    """Delete a checkpoint; half deleted it has a temporary name. Raises UserError 73."""
+    path = _step_path(directory, step)
+    doomed = temporary_path(path)
+    try:
+        os.rename(path, doomed)
+        shutil.rmtree(doomed)
+    except OSError as error:
+        raise cannot_write(path, error) from error
 
 
 def _holds(final: Path, step: int, digest: str) -> bool:
@@ -154,7 +181,15 @@ def _holds(final: Path, step: int, digest: str) -> bool:
     return True
 
 
-def _write(temporary: Path, final: Path, step: int, arrays: Arrays, digest: str, meta: dict[str, Any]) -> None:
+def _write(
+    temporary: Path,
+    final: Path,
+    step: int,
+    arrays: Arrays,
+    digest: str,
+    meta: dict[str, Any],
+    players: Roster | None,
+) -> None:
     """Fill `temporary`, read it back, prove it and see it to the disk."""
     target = temporary / STATE_NAME
     # orbax refuses arrays without elements; the manifest alone describes them
@@ -165,7 +200,7 @@ def _write(temporary: Path, final: Path, step: int, arrays: Arrays, digest: str,
     except (OSError, ValueError, RuntimeError) as error:  # how tensorstore reports a full disk
         raise cannot_write(final, error, _size(arrays)) from error
     fsync_tree(target)
-    manifest = Manifest(step, digest, leaves_of(arrays), list_files(temporary, STATE_NAME), meta)
+    manifest = Manifest(step, digest, leaves_of(arrays), list_files(temporary, STATE_NAME), meta, players)
     try:
         _read(temporary, manifest)
     except CheckpointError as error:

@@ -23,6 +23,7 @@ SHARES = (
     *(f"win/{outcome.name.lower()}" for outcome in Outcome),
     *(f"crash/{role}" for role in ROLES),
 )
+MAX_MEMBERS, MIN_GAMES = 64, 0.5  # in a record: it must not grow with the pool
 MEANS = ("kl", "entropy", "explained_variance")
 
 
@@ -107,8 +108,9 @@ def met(config: Config, selfplay: SelfPlay | None, seed_index: int, chunk: int) 
     """Who was met in a chunk (1, 2, ...), and how the live players have fared against each past one so far.
 
     `frozen`: the role that was played by its past; `opponent`: its slot, or the mean of the `opponents` different
-    ones that the environments met. `win_rate/<role>`, `games/<role>`: by slot of that role's past players; old
-    games fade (`selfplay.memory`), and the rate is shrunk towards 1/2.
+    ones that the environments met. `members/<role>`: slots of that role's past players that were met of late, at
+    most 64 with the most games; `games/<role>`, `win_rate/<role>`: theirs. Old games fade (`selfplay.memory`), and the
+    rate is shrunk towards 1/2.
     """
     record: Record = {"frozen": None, "opponent": None, "opponents": 0}
     if selfplay is None:
@@ -125,10 +127,14 @@ def met(config: Config, selfplay: SelfPlay | None, seed_index: int, chunk: int) 
             "opponents": len(np.unique(slots)),
         }
     for role, pool in zip(ROLES, selfplay.pools, strict=True):
-        if pool is not None:  # a chunk's start fills one slot more
+        if pool is not None:  # a chunk's start fills one slot more, so `chunk` are filled
             rates, games = np.asarray(win_rates(pool)), np.asarray(pool.games)
-            record[f"win_rate/{role}"] = [round(float(rate), 4) for rate in rates[seed_index, :chunk]]
-            record[f"games/{role}"] = [round(float(count), 1) for count in games[seed_index, :chunk]]
+            rates, games = rates[seed_index, :chunk], games[seed_index, :chunk]
+            most = np.argsort(-games, kind="stable")[:MAX_MEMBERS]
+            members = sorted(int(slot) for slot in most if games[slot] >= MIN_GAMES)
+            record[f"members/{role}"] = members
+            record[f"win_rate/{role}"] = [round(float(rates[slot]), 4) for slot in members]
+            record[f"games/{role}"] = [round(float(games[slot]), 1) for slot in members]
     return record
 
 

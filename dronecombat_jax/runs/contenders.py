@@ -8,17 +8,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 
 from dronecombat_jax.arena.players import Player
 from dronecombat_jax.arena.result import SCRIPTED, Entrant
 from dronecombat_jax.combat.fingerprint import environment
 from dronecombat_jax.combat.scripted import PILOTS
-from dronecombat_jax.config import Config, LearnConfig
+from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.runs import checkpoint
 from dronecombat_jax.runs.manifest import CheckpointError, state_digest
-from dronecombat_jax.runs.policy import load_policy, tensors_of
+from dronecombat_jax.runs.policy import as_flown, load_policy, tensors_of
 from dronecombat_jax.runs.policy_info import PolicyInfo
 from dronecombat_jax.runs.resume import newest_start
 from dronecombat_jax.runs.rundir import RunDirectory, find_run
@@ -72,11 +71,9 @@ def identity_of(policy: Policy, normalize: bool) -> str:
     return hashlib.sha256(f"{state_digest(tensors)} {normalize}".encode()).hexdigest()
 
 
-def _player(policy: Policy, learn: LearnConfig) -> Player:
-    """A policy ready to fly; its log-std is put into its bounds, which only its run knows."""
-    bounded = np.clip(policy.log_std, learn.min_log_std, learn.max_log_std).astype(np.float32)
-    identity = identity_of(policy, learn.normalize_observations)
-    return Player(identity, policy.replace(log_std=bounded), learn.normalize_observations)
+def _player(policy: Policy, normalize: bool) -> Player:
+    """A policy ready to fly."""
+    return Player(identity_of(policy, normalize), policy, normalize)
 
 
 def _scripted(name: str) -> list[Contender]:
@@ -92,7 +89,7 @@ def _file(path: Path) -> Found:
     if path.suffix != POLICY_SUFFIX:
         raise UserError(f"{one_line(str(path))}: a policy file ends in {POLICY_SUFFIX}", EXIT_CONFIG)
     policy, info = load_policy(path)
-    player = _player(policy, LearnConfig(normalize_observations=info.normalize_observations))
+    player = _player(policy, info.normalize_observations)
     entrant = Entrant(player.identity, one_line(path.stem), EXPORTED, info.run, info.seed, info.chunk, info.steps)
     contender = Contender(ROLES.index(info.role), entrant, player, info.environment)
     return Found([contender], _config_of(info))
@@ -106,17 +103,19 @@ def _config_of(info: PolicyInfo) -> Config:
 
 
 def _run(run: RunDirectory, every: int, untrained: bool) -> Found:
-    config = newest_start(run).config
-    steps = _chosen(run, config.train.chunk_iterations, every, untrained)
+    newest = newest_start(run)
+    config = newest.config
+    steps = _chosen(run, config, every, untrained)
     if not steps:
         message = f"{run.path}: no chunk of training is done yet"
         return Found([], config, (message,))
     contenders, bad = [], []
     for step in steps:
         try:
-            arrays, manifest = checkpoint.load(run.checkpoints, step)
+            saved = newest.manifest if step == newest.iteration else step  # which has been verified
+            arrays, manifest = checkpoint.load(run.checkpoints, saved)
             policies = _policies(arrays, run.checkpoints / str(step))
-            met = manifest.meta.get("environment", environment(config))
+            met = manifest.meta.get("environment") or environment(config)
         except CheckpointError as error:
             bad.append(error.message)
             policies, met = None, None
@@ -128,13 +127,18 @@ def _run(run: RunDirectory, every: int, untrained: bool) -> Found:
     return Found(contenders, config, tuple(bad))
 
 
-def _chosen(run: RunDirectory, chunk_iterations: int, every: int, untrained: bool) -> list[int]:
-    """The steps to read: chunk ends from the first to the last that was saved, also those that are gone since."""
+def _chosen(run: RunDirectory, config: Config, every: int, untrained: bool) -> list[int]:
+    """The steps to read: chunk ends from the first to the last that was saved.
+
+    Also those that are gone since, unless the run keeps only some (`run.keep`).
+    """
+    chunk_iterations = config.train.chunk_iterations
     saved = [step // chunk_iterations for step in checkpoint.steps(run.checkpoints) if step % chunk_iterations == 0]
     saved = [chunk for chunk in saved if chunk > 0 or untrained]
     if not saved:
         return []
-    chunks = [chunk for chunk in range(saved[0], saved[-1] + 1) if chunk % every == 0 or chunk == saved[-1]]
+    there = range(saved[0], saved[-1] + 1) if config.run.keep == "all" else saved
+    chunks = [chunk for chunk in there if chunk % every == 0 or chunk == saved[-1]]
     return [chunk * chunk_iterations for chunk in chunks]
 
 
@@ -174,7 +178,8 @@ def _contender(
     chunk = step // config.train.chunk_iterations
     player, identity = None, f"missing:{name}:{chunk}"
     if policies is not None:
-        player = _player(jax.tree.map(lambda leaf: leaf[index, role].copy(), policies), config.learn)
+        policy = jax.tree.map(lambda leaf: leaf[index, role].copy(), policies)
+        player = _player(as_flown(policy, config.learn), config.learn.normalize_observations)
         identity = player.identity
     steps = step * config.steps_per_iteration
     return Contender(role, Entrant(identity, f"{name} {chunk}", method, name, seed, chunk, steps), player, met)

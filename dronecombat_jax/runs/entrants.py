@@ -4,12 +4,13 @@ What does not live here: reading one run or file (`contenders`).
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from dronecombat_jax import settings
 from dronecombat_jax.arena.players import Player
 from dronecombat_jax.arena.result import Alias, Entrant
-from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.fingerprint import SCENE, environment, environment_diff
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.runs.contenders import EXPORTED, Contender, Found, find
@@ -44,9 +45,11 @@ def read_field(
     untrained: bool = False,
     skip_bad: bool = False,
     allow_mismatch: bool = False,
+    mjcf: str = "",
 ) -> Field:
     """Read and check everybody whom `words` name (`contenders.find`).
 
+    `mjcf`: the file of the drone or scene to fly, instead of where their runs left it.
     Raises UserError: 2 for words that mean nothing and for a side without players; 3 that lists every checkpoint or
     file that cannot be used (unless `skip_bad`), or every player of another game (unless `allow_mismatch`).
     """
@@ -54,7 +57,7 @@ def read_field(
     if bad and not skip_bad:
         raise UserError("\n".join([*bad, "nothing was flown; --skip-bad flies the others"]), EXIT_DATA)
     contenders = [contender for one in found for contender in one.contenders]
-    config = next((one.config for one in found if one.config is not None), settings.load(ANCHOR_PRESET))
+    config = _game(found, mjcf)
     if config.game.scenario == "solo":
         raise UserError("these policies were trained in solo, where nobody defends: there is no fight", EXIT_CONFIG)
     notices = _other_games(contenders, config, allow_mismatch)
@@ -65,6 +68,24 @@ def read_field(
             raise UserError(f"no {ROLES[role]} takes part; name a run, a policy file or a scripted pilot", EXIT_CONFIG)
         notices += _saved_again(role, side)
     return Field(config, seats, tuple(notices), tuple(bad))
+
+
+def _game(found: list[Found], mjcf: str) -> Config:
+    """The game of the first who can be flown here as it was trained, else of the first.
+
+    A policy file of an own drone says what its MJCF says, not where it is: a run does.
+    """
+    first: Config | None = None
+    for entry in found:
+        if entry.config is None:
+            continue
+        sim = entry.config.sim
+        config = replace(entry.config, sim=replace(sim, mjcf=mjcf or sim.mjcf))
+        first = first or config
+        known = [contender.environment for contender in entry.contenders if contender.environment]
+        if not known or known[-1] == environment(config):
+            return config
+    return first or settings.load(ANCHOR_PRESET, {"sim.mjcf": mjcf})
 
 
 def _find_all(words: Sequence[str], every: int, untrained: bool) -> tuple[list[Found], list[str]]:
@@ -95,7 +116,10 @@ def _other_games(contenders: list[Contender], config: Config, allowed: bool) -> 
         if lines
     ]
     if told and not allowed:
-        raise UserError("\n".join([*told, "--allow-env-mismatch lets them fly in the first one's game"]), EXIT_DATA)
+        own = any(line.startswith(SCENE) for lines in groups for line in lines)
+        hint = "dronecombat tournament --mjcf FILE names the MJCF that they were trained with"
+        allowing = "--allow-env-mismatch lets them fly in the first one's game"
+        raise UserError("\n".join([*told, *([hint] if own else []), allowing]), EXIT_DATA)
     return told
 
 

@@ -11,14 +11,18 @@ import numpy as np
 
 from dronecombat_jax.arena.match import fight, policy_pilot, start_fights
 from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config import Config
+from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.learn.rollout import policy_of, select
 from dronecombat_jax.runs.atomic import write_atomic
+from dronecombat_jax.runs.policy import as_flown
 from dronecombat_jax.runs.records import ENDINGS
 from dronecombat_jax.runs.resume import load_state, newest_start
 from dronecombat_jax.runs.rundir import RunDirectory
+from dronecombat_jax.schema import one_line
 from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, FightResult, Outcome, Policy, TrainState
 
 
@@ -29,25 +33,28 @@ class SavedRun(NamedTuple):
     combat: Combat
     iteration: int
     state: TrainState  # NumPy leaves [S, ...]
+    met: dict[str, Any]  # the environment that it was trained in (`combat.fingerprint`)
 
 
 def load_run(path: Path, chunk: int | None = None) -> SavedRun:
     """Read a checkpoint (`chunk` 0: untrained; None: the newest) and the configuration it was made with. UserError 3."""
     start = newest_start(RunDirectory(path), chunk)
     combat = Combat(start.config)
-    return SavedRun(start.config, combat, start.iteration, load_state(start, combat))
+    met = start.meta.get("environment") or environment(start.config, combat.scene)
+    return SavedRun(start.config, combat, start.iteration, load_state(start, combat, pools=False), met)
 
 
 def policies(run: SavedRun, seed_index: int) -> tuple[Policy, Policy]:
-    """Defender's and attacker's policy of one of the run's seeds."""
+    """Defender's and attacker's policy of one of the run's seeds, as they are flown."""
     learners = jax.tree.map(lambda leaf: leaf[seed_index], run.state.learners)
-    return policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
+    of_role = lambda role: as_flown(policy_of(select(learners, role)), run.config.learn)
+    return of_role(DEFENDER), of_role(ATTACKER)
 
 
 class Match(NamedTuple):
     """Which fights to fly with a run."""
 
-    fights: int = 256
+    fights: int = 0  # 0: as many as the run's own evaluation, `run.evaluation_fights`
     seed: int = 0  # of the start states
     stochastic: bool = False  # draw the policies' actions instead of taking their mean
     defender: str = ""  # a scripted pilot in the defender's place (combat.scripted.PILOTS); "": the run's own
@@ -57,6 +64,7 @@ class Match(NamedTuple):
 
 def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
     """The fights of `match` with the policies of one of the run's seeds; NumPy leaves. UserError for an unknown pilot."""
+    fights = match.fights or run.config.run.evaluation_fights
     game = run.config.game
     if match.spawn:
         game = replace(game, spawn=match.spawn, spawn_spread=0.0, defender_spread=0.0)
@@ -75,7 +83,7 @@ def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
             combat,
             pilot(match.defender, defender, DEFENDER),
             pilot(match.attacker, attacker, ATTACKER),
-            start_fights(combat, start_key, match.fights),
+            start_fights(combat, start_key, fights),
             fight_key,
         )
 
@@ -101,26 +109,70 @@ def summary(config: Config, result: FightResult) -> dict[str, Any]:
     }
 
 
-def evaluate(path: Path, match: Match, chunk: int | None = None) -> int:
-    """Print how a run's policies fare, against each other or a scripted pilot; returns 0.
+def evaluate(
+    path: Path,
+    match: Match,
+    chunk: int | None = None,
+    own_fights: int | None = None,
+) -> int:
+    """Print how a run's policies fare, or one and a scripted pilot, and write it; returns 0.
 
-    Against each other, from the run's own starts, it is written to `evaluation.json`, too.
+    `evaluation.json` is the run's own evaluation: `own_fights` (default: as its checkpoint says)
+    between its newest policies. With other options a file beside it is written, see `file_name`.
     """
     run = load_run(path, chunk)
+    own_fights = run.config.run.evaluation_fights if own_fights is None else own_fights
+    match = match._replace(fights=match.fights or own_fights)
+    if changed := environment_diff(run.met, environment(run.config, run.combat.scene)):
+        told = "; ".join(changed)
+        print(f"note: trained in another environment than the one here: {told}", flush=True)
     steps = run.iteration * run.config.steps_per_iteration
+    told = match._asdict().items()
+    written = lambda name, value: value != "" and name not in ("fights", "seed")
+    options = {name: value for name, value in told if written(name, value)}
     results = []
     for index in range(run.config.train.num_seeds):
         result = summary(run.config, play(run, index, match))
-        told = {
-            name: value for name, value in match._asdict().items() if value != "" and name not in ("fights", "seed")
-        }
-        results.append({**told, "seed": run.config.train.seed + index, "steps": steps, **result})
+        about = {"seed": run.config.train.seed + index, "start_seed": match.seed, "steps": steps}
+        results.append({**options, **about, **result})
         print(report_text(results[-1]))
-    if match.defender or match.attacker or match.spawn:
-        return 0
-    write_atomic(RunDirectory(path).evaluation, json.dumps(results, indent=2) + "\n")
-    print(f"written to {RunDirectory(path).evaluation}")
+    file = RunDirectory(path).evaluation.with_name(file_name(match, chunk, own_fights))
+    write_atomic(file, json.dumps(results, indent=2) + "\n")
+    print(f"written to {file}")
     return 0
+
+
+def file_name(match: Match, chunk: int | None, own_fights: int) -> str:
+    """`evaluation.json`, or with other options, say, `evaluation-chunk3-stochastic.json`."""
+    pilots = (("defender", match.defender), ("attacker", match.attacker))
+    parts = [
+        f"chunk{chunk}" if chunk is not None else "",
+        "stochastic" if match.stochastic else "",
+        f"fights{match.fights}" if match.fights != own_fights else "",
+        f"seed{match.seed}" if match.seed else "",
+        *(f"{role}_{name}" for role, name in pilots if name),
+        f"spawn_{match.spawn}" if match.spawn else "",
+    ]
+    return "-".join(["evaluation", *filter(None, parts)]) + ".json"
+
+
+def is_own(path: Path, steps: int, num_seeds: int, own_fights: int) -> bool:
+    """Whether `path` holds the run's own evaluation after `steps`; UserError 3 if unreadable.
+
+    Earlier versions wrote evaluations with other options into this file, too.
+    """
+    try:
+        rows = json.loads(path.read_bytes())
+        if not isinstance(rows, list):
+            raise ValueError("not a list of seeds")
+        options = [(row["fights"], row["stochastic"], row.get("start_seed", 0)) for row in rows]
+        flown = [row["steps"] for row in rows]
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror or error}", EXIT_DATA) from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        reason = one_line(str(error))
+        raise UserError(f"{path}: damaged or no evaluation: {reason}", EXIT_DATA) from None
+    return flown == [steps] * num_seeds and options == [(own_fights, False, 0)] * num_seeds
 
 
 def report_text(result: dict[str, Any]) -> str:

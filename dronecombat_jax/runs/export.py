@@ -7,7 +7,6 @@ from pathlib import Path
 import jax
 
 from dronecombat_jax import settings
-from dronecombat_jax.combat.fingerprint import environment
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.runs.evaluation import SavedRun, load_run, policies
 from dronecombat_jax.runs.onnx_policy import require_onnx, save_onnx
@@ -50,7 +49,7 @@ def policy_of_run(run: SavedRun, directory: RunDirectory, role: str, seed: int |
         role=role,
         layer_sizes=(OBSERVATION_SIZE, *config.learn.hidden_sizes, ACTION_SIZE),
         normalize_observations=config.learn.normalize_observations,
-        environment=environment(config),
+        environment=run.met,
         run=_identifier(directory.path.resolve().name),
         seed=config.train.seed + index,
         chunk=run.iteration // config.train.chunk_iterations,

@@ -11,7 +11,13 @@ import numpy as np
 from dronecombat_jax import settings
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
-from dronecombat_jax.runs.resume import Start, difference, newest_start, restored_state
+from dronecombat_jax.runs.resume import (
+    NO_CHANGE,
+    Start,
+    difference,
+    newest_start,
+    restored_state,
+)
 from dronecombat_jax.runs.rundir import RunDirectory
 from dronecombat_jax.runs.state import flatten, leaves_of, match_template
 
@@ -40,7 +46,7 @@ def fork_start(source: RunDirectory, chunk: int | None, config: Config) -> Start
     idle = "this only matters at a run's start"
     changed = [
         f"{phrase} ({idle})" if phrase.split()[0] in ONLY_AT_THE_START else phrase
-        for phrase in difference(start.config, config)
+        for phrase in difference(start.config, config, NO_CHANGE)
     ]
     return start._replace(changed=tuple(changed) or ("no setting",))
 
@@ -83,7 +89,9 @@ def forked_state(start: Start, config: Config, combat: "Combat") -> "TrainState"
         rate = np.full_like(state.learners.learning_rate, config.learn.learning_rate)
         state = state.replace(learners=state.learners.replace(learning_rate=rate))
     if any(key.startswith(("sim.", "game.")) for key in changed):
-        state = state.replace(env=_new_fights(combat, state))
+        env = _new_fights(combat, state)
+        flown = jax.tree.map(lambda leaf: np.zeros_like(leaf), state.flown)
+        state = state.replace(env=env, flown=flown)
     return state
 
 

@@ -18,7 +18,7 @@ from dronecombat_jax.runs.records import learning_agents
 from dronecombat_jax.runs.rundir import RunDirectory
 from dronecombat_jax.runs.state import flatten
 from dronecombat_jax.schema import one_line
-from dronecombat_jax.types import NUM_AGENTS, ROLES, Cause, IterationMetrics
+from dronecombat_jax.types import NUM_AGENTS, ROLES, IterationMetrics
 
 DIVERGED_SHARE = 0.01  # of the environments, in one iteration
 DIVERGED_ITERATIONS = 3
@@ -41,7 +41,7 @@ class Watch:
         learn, train = self._config.learn, self._config.train
         learning = learning_agents(self._config, report, first_iteration)
         lost = np.asarray(report.learners.skipped) >= learn.epochs * learn.minibatches
-        many = np.asarray(report.causes)[..., Cause.DIVERGED] > DIVERGED_SHARE * train.num_envs
+        many = np.asarray(report.diverged) > DIVERGED_SHARE * train.num_envs
         for i in range(many.shape[1]):
             self._diverged = np.where(many[:, i], self._diverged + 1, 0)
             self._skipped = np.where(learning[:, i], np.where(lost[:, i], self._skipped + 1, 0), self._skipped)

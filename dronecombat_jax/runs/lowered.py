@@ -74,7 +74,7 @@ def _kept(
         content = _read(path)
         if content is None:
             content = export.export(jitted(build(), state, mesh))(state).serialize()
-            _write(path, content)
+            _write(path, content, config)
         return export.deserialize(content).call
     except (ImportError, NotImplementedError, ValueError):  # no flatbuffers; a custom call that is not for keeping
         return None
@@ -114,27 +114,28 @@ def _read(path: Path) -> bytearray | None:
     return None
 
 
-def _write(path: Path, content: bytearray) -> None:
+def _write(path: Path, content: bytearray, config: Config) -> None:
     """Keep a program; where that cannot be done, the next start takes longer, and that is all.
 
     Not one whose code was edited while this process ran: which version it had loaded is not known.
     """
-    made_from = [(file, *stamp) for file in sorted(set(_files())) if (stamp := _stamp(file))]
-    if _began is None or any(changed > _began for *_, changed in made_from):
-        return
-    head = json.dumps({"sha256": hashlib.sha256(content).hexdigest(), "made_from": made_from})
     with contextlib.suppress(OSError, UserError):
+        files = sorted(set(_files(config)))
+        made_from = [(file, *stamp) for file in files if (stamp := _stamp(file))]
+        if _began is None or any(changed > _began for *_, changed in made_from):
+            return
+        head = json.dumps({"sha256": hashlib.sha256(content).hexdigest(), "made_from": made_from})
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, head.encode() + b"\n" + content)
 
 
-def _files() -> Iterator[str]:
-    """Every file of code that this process has loaded, and the MJCF."""
-    from dronecombat_jax.sim.scene import find_mjcf_dir
+def _files(config: Config) -> Iterator[str]:
+    """Every file of code that this process has loaded, and the MJCF of `config`."""
+    from dronecombat_jax.sim.source import files_of
 
     files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
     yield from (os.path.abspath(file) for file in files if file)
-    yield from (str(path.absolute()) for path in find_mjcf_dir().rglob("*") if path.is_file())
+    yield from map(str, files_of(config.sim))
 
 
 def _stamp(file: str) -> list[int] | None:

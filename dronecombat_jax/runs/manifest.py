@@ -18,7 +18,7 @@ import numpy as np
 
 from dronecombat_jax.errors import EXIT_DATA, UserError
 
-SCHEMA = 1
+SCHEMA = 2  # 1: self-play's pool was part of every state
 MANIFEST_NAME = "manifest.json"
 MAX_MANIFEST_BYTES = 4 << 20
 _READ_BYTES = 1 << 20
@@ -60,6 +60,13 @@ class StoredFile(NamedTuple):
     sha256: str
 
 
+class Roster(NamedTuple):
+    """The past players that a checkpoint needs (`past_players`): slots 0, 1, ... and a digest over all."""
+
+    slots: int  # how many
+    digest: str
+
+
 class Manifest(NamedTuple):
     """Everything about a checkpoint but its arrays."""
 
@@ -68,6 +75,7 @@ class Manifest(NamedTuple):
     leaves: tuple[Leaf, ...]
     files: tuple[StoredFile, ...]
     meta: dict[str, Any]
+    players: Roster | None = None  # None: its state is whole
 
 
 def state_digest(arrays: Mapping[str, np.ndarray]) -> str:
@@ -113,6 +121,7 @@ def read_manifest(checkpoint: Path) -> Manifest:
             leaves=tuple(Leaf(name, dtype, tuple(shape)) for name, dtype, shape in body["leaves"]),
             files=tuple(StoredFile(_inside(name), size, digest) for name, size, digest in body["files"]),
             meta=dict(body["meta"]),
+            players=None if body.get("players") is None else Roster(int(body["players"][0]), str(body["players"][1])),
         )
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise DamagedCheckpoint(f"{path} is damaged: {type(error).__name__}: {error}") from error

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
-from dronecombat_jax.config import Config
+from dronecombat_jax.config import Config, LearnConfig
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
 from dronecombat_jax.runs import tensorfile
 from dronecombat_jax.runs.atomic import write_atomic
@@ -96,6 +96,15 @@ def digest_of(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) ->
     """sha256 in hex over all metadata (but "sha256" itself) and all arrays."""
     text = json.dumps([state_digest(tensors), sorted(metadata.items())], separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def as_flown(policy: Policy, learn: LearnConfig) -> Policy:
+    """A policy on its way out of a run, its log-std in the bounds of `learn`, as the run draws.
+
+    Only its run knows the bounds; in older checkpoints the parameter may lie outside.
+    """
+    bounded = np.clip(policy.log_std, learn.min_log_std, learn.max_log_std).astype(np.float32)
+    return policy.replace(log_std=bounded)
 
 
 def tensors_of(policy: Policy) -> dict[str, np.ndarray]:

@@ -9,34 +9,38 @@ from dronecombat_jax.runs.manifest import CheckpointError
 from dronecombat_jax.runs.resume import Start
 
 
-def describe(config: Config, iteration: int) -> dict[str, Any]:
-    """The meta of a checkpoint after `iteration` iterations: settings, environment and versions."""
+def describe(config: Config, iteration: int, met: dict[str, Any] | None = None) -> dict[str, Any]:
+    """The meta of a checkpoint after `iteration` iterations: settings, environment and versions.
+
+    `met`: the environment as it is flown, whatever was done to its files since; None: as it is now.
+    """
     import jax
 
-    from dronecombat_jax.combat.fingerprint import environment, environment_digest
+    from dronecombat_jax.combat.fingerprint import digest_of, environment
 
+    met = met or environment(config)
     return {
         "config": settings.to_toml(config),
         "steps": iteration * config.steps_per_iteration,
-        "environment": environment(config),
-        "environment_digest": environment_digest(config),
+        "environment": met,
+        "environment_digest": digest_of(met),
         "package": package_version(),
         "jax": jax.__version__,
         "random": _random(),
     }
 
 
-def check_meta(start: Start, config: Config) -> list[str]:
-    """Notes for a person about going on from `start` here; a checkpoint that says nothing is not asked.
+def check_meta(start: Start, config: Config, met: dict[str, Any] | None = None) -> list[str]:
+    """Notes for a person about going on from `start`; a checkpoint that says nothing is not asked.
 
-    Raises CheckpointError where this version has another environment under the same settings, or where
-    other random numbers would come out of the same seeds.
+    `met`: the environment that is flown here, as in `describe`. Raises CheckpointError where it is
+    not the checkpoint's, or where other random numbers would come out of the same seeds.
     """
     import jax
 
     from dronecombat_jax.combat.fingerprint import environment, environment_diff
 
-    saved, here = start.meta.get("environment"), environment(config)
+    saved, here = start.meta.get("environment"), met or environment(config)
     if isinstance(saved, dict) and not start.changed and (lines := environment_diff(saved, here)):
         raise CheckpointError(
             f"{start.path} was made in another environment: {'; '.join(lines)}. "

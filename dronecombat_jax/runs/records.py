@@ -16,7 +16,8 @@ ENDINGS = tuple(cause for cause in Cause if cause != Cause.NONE)
 def records(config: Config, report: IterationMetrics, first_iteration: int) -> list[dict[str, Any]]:
     """One record per iteration and seed, rising; leaves of `report` are NumPy [S, I, ...].
 
-    Shares are of the fights that ended in the iteration and NaN where none did. What an agent reports of
+    Shares, lengths and returns are of the counted fights that ended in the iteration, those flown from start to end by
+    the same two (`selfplay.tally`), and NaN where none did. What an agent reports of
     its learning is None where it did not learn.
     """
     seeds, iterations = report.causes.shape[:2]
@@ -61,7 +62,7 @@ def _record(
 ) -> dict[str, Any]:
     episodes = int(report.causes.sum())
     wins = _wins(config, report.causes)
-    diverged, is_frozen = int(report.causes[Cause.DIVERGED]), int(report.frozen) >= 0
+    diverged, is_frozen = int(report.diverged), int(report.frozen) >= 0
     record: dict[str, Any] = {
         "iteration": iteration + 1,
         "steps": (iteration + 1) * config.steps_per_iteration,
@@ -78,9 +79,9 @@ def _record(
     record |= {f"win/{outcome.name.lower()}": _share(wins[outcome], episodes) for outcome in Outcome}
     for agent, role in enumerate(ROLES):
         record[f"crash/{role}"] = _share(report.crashes[agent], episodes)
-        terms = {name: float(term[agent]) for name, term in report.reward_terms._asdict().items()}
-        record |= {f"reward/{role}/{name}": value for name, value in terms.items()}
-        record[f"return/{role}"] = sum(terms.values()) * record["episode_steps"]
+        terms = report.reward_terms._asdict().items()
+        record |= {f"reward/{role}/{name}": float(term[agent]) for name, term in terms}
+        record[f"return/{role}"] = _share(report.returns[agent], episodes)
         learner = report.learners._asdict().items()
         record |= {f"{name}/{role}": float(value[agent]) if learning[agent] else None for name, value in learner}
     return record

@@ -4,32 +4,51 @@ Everything is read from the checkpoint itself; `config.toml` serves where a chec
 not live here: starting another run from a checkpoint (`fork`). Needs no JAX until a state is restored.
 """
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from dronecombat_jax import settings
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.runs import checkpoint, metrics
+from dronecombat_jax.runs.manifest import CheckpointError, Manifest, Roster
 from dronecombat_jax.runs.rundir import RunDirectory
+from dronecombat_jax.runs.state import Arrays
 from dronecombat_jax.schema import shown
 
 if TYPE_CHECKING:
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.types import TrainState
 
-# Settings that may change when a run goes on; every other one makes it a different run.
-MAY_CHANGE = ("train.total_steps", "run.")
+_log = logging.getLogger(__name__)
+
+NO_CHANGE = ("train.total_steps", "run.")  # settings that make no other run
+# Settings that may change when a run goes on; every other one makes it a different run. A scene's
+# file may have been moved: what it says is compared as the environment (`provenance`).
+MAY_CHANGE = (*NO_CHANGE, "sim.mjcf")
 
 
 class Start(NamedTuple):
-    """A checkpoint to go on from."""
+    """A checkpoint to go on from. It has been verified."""
 
     checkpoints: Path
-    iteration: int  # its step
+    manifest: Manifest
     config: Config  # it was made with
-    meta: dict[str, Any]
     changed: tuple[str, ...] = ()  # settings that a fork changes, one line each; empty where a run goes on
+    members: list[Arrays] | None = None  # its past players, where they have been read
+
+    @property
+    def iteration(self) -> int:
+        """Its step."""
+        return self.manifest.step
+
+    @property
+    def meta(self) -> dict[str, Any]:
+        """What was saved beside the arrays."""
+        return self.manifest.meta
 
     @property
     def path(self) -> Path:
@@ -42,11 +61,10 @@ def find_start(run: RunDirectory, config: Config) -> Start | None:
 
     Raises UserError 2 where `config` changes what may not change, 3 where checkpoints there were, but none is good.
     """
-    iteration = checkpoint.latest(run.checkpoints)
-    if iteration is None:
+    start = _newest_with_players(run)
+    if start is None:
         _refuse_lost(run)
         return None
-    start = read_start(run, iteration)
     if changed := difference(start.config, config):
         raise UserError(
             f"run {run.path} was made with other settings: {'; '.join(changed)}. "
@@ -56,18 +74,21 @@ def find_start(run: RunDirectory, config: Config) -> Start | None:
     return start
 
 
-def read_start(run: RunDirectory, iteration: int) -> Start:
-    """A checkpoint and the settings it was made with; UserError 3 where there is none or it is damaged."""
-    meta = checkpoint.read_meta(run.checkpoints, iteration)
-    text = meta.get("config")
+def read_start(run: RunDirectory, saved: int | Manifest) -> Start:
+    """A checkpoint and the settings it was made with; UserError 3 where there is none or it is damaged.
+
+    `saved`: its step, or its manifest where it has been verified already.
+    """
+    manifest = saved if isinstance(saved, Manifest) else checkpoint.verify(run.checkpoints, saved)
+    text = manifest.meta.get("config")
     if not isinstance(text, str):  # as in a checkpoint that was written by hand
-        return Start(run.checkpoints, iteration, settings.load(run.config), meta)
+        return Start(run.checkpoints, manifest, settings.load(run.config))
     try:
-        config = settings.from_toml(text, str(run.checkpoints / str(iteration)))
+        config = settings.from_toml(text, str(run.checkpoints / str(manifest.step)))
     except UserError as error:
         message = f"the settings in a checkpoint cannot be read by this version: {error.message.splitlines()[0]}"
         raise UserError(message, EXIT_DATA) from None
-    return Start(run.checkpoints, iteration, config, meta)
+    return Start(run.checkpoints, manifest, config)
 
 
 def newest_start(run: RunDirectory, chunk: int | None = None) -> Start:
@@ -76,15 +97,23 @@ def newest_start(run: RunDirectory, chunk: int | None = None) -> Start:
     if newest is None:
         raise UserError(f"{run.checkpoints}: no checkpoint that can be used", EXIT_DATA)
     start = read_start(run, newest)
-    return start if chunk is None else read_start(run, chunk * start.config.train.chunk_iterations)
+    step = start.iteration if chunk is None else chunk * start.config.train.chunk_iterations
+    return start if step == start.iteration else read_start(run, step)
 
 
-def difference(stored: Config, config: Config) -> list[str]:
-    """What `config` changes of a run that was made with `stored`, one phrase for each setting that must stay."""
+def difference(
+    stored: Config,
+    config: Config,
+    apart_from: tuple[str, ...] = MAY_CHANGE,
+) -> list[str]:
+    """What `config` changes of a run made with `stored`, one phrase for each setting.
+
+    `apart_from`: what settings begin with that may change without a word.
+    """
     return [
         f"{key} was {shown(old)}, now {shown(new)}"
         for key, old, new in settings.diff(stored, config)
-        if not key.startswith(MAY_CHANGE)
+        if not key.startswith(apart_from)
     ]
 
 
@@ -101,16 +130,86 @@ def restored_state(start: Start, config: Config, combat: "Combat") -> "TrainStat
     return state.replace(selfplay=resize(state.selfplay, config.num_chunks))
 
 
-def load_state(start: Start, combat: "Combat") -> "TrainState":
-    """The state as it was saved, NumPy leaves [S, ...]; `combat` lends its scene. UserError 3 where it does not fit."""
+def load_state(start: Start, combat: "Combat", *, pools: bool = True) -> "TrainState":
+    """The state as it was saved, NumPy leaves [S, ...]; `combat` lends its scene. UserError 3 where it does not fit.
+
+    Without `pools` they may be empty: who reads policies needs no past players.
+    """
     import jax
 
     from dronecombat_jax.combat.env import Combat
+    from dronecombat_jax.runs.past_players import Players, emptied, with_players
     from dronecombat_jax.selfplay.chunk import init_state
 
-    then = Combat(start.config, combat.scene)
+    then, manifest = Combat(start.config, combat.scene), start.manifest
     template = jax.eval_shape(lambda: init_state(then))
-    return checkpoint.restore(start.checkpoints, start.iteration, template, hint="was it written by another version?")
+    roster = manifest.players
+    if roster is not None and template.selfplay is not None:
+        template = template.replace(selfplay=emptied(template.selfplay))
+    if old := not any(leaf.path.startswith("flown/") for leaf in manifest.leaves):
+        template = template.replace(flown=None)
+    state = checkpoint.restore(start.checkpoints, manifest, template, hint="was it written by another version?")
+    if roster is not None and pools:
+        members = Players(start.checkpoints).read(roster) if start.members is None else start.members
+        state = state.replace(selfplay=with_players(state.selfplay, members))
+    return brought_up_to_date(state, start.config) if old else state
+
+
+def brought_up_to_date(state: "TrainState", config: Config) -> "TrainState":
+    """The state of a checkpoint from before fights were followed, and from before log-std was kept in its bounds."""
+    import jax
+
+    from dronecombat_jax.selfplay import tally
+
+    bound = lambda log_std: np.clip(log_std, config.learn.min_log_std, config.learn.max_log_std)
+    parameters, selfplay = state.learners.parameters, state.selfplay
+    parameters = parameters.replace(log_std=bound(parameters.log_std))
+    if selfplay is not None:
+        pools = (
+            pool and pool.replace(policies=pool.policies.replace(log_std=bound(pool.policies.log_std)))
+            for pool in selfplay.pools
+        )
+        selfplay = selfplay.replace(pools=tuple(pools))
+    shape = state.env.clock.shape[:1]  # [S]
+    unknown = jax.device_get(tally.unknown(config.train.num_envs))
+    flown = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (*shape, *leaf.shape)).copy(), unknown)
+    learners = state.learners.replace(parameters=parameters)
+    return state.replace(learners=learners, selfplay=selfplay, flown=flown)
+
+
+def _newest_with_players(run: RunDirectory) -> Start | None:
+    """The newest good checkpoint whose past players are all there, or can be made again; None where there is none."""
+    manifest = checkpoint.latest(run.checkpoints)
+    while manifest is not None:
+        start = read_start(run, manifest)
+        if manifest.players is None:
+            return start
+        try:
+            return start._replace(members=_members(run, start, manifest.players))
+        except CheckpointError as error:
+            _log.warning("checkpoint %d skipped: %s", manifest.step, error)
+        manifest = checkpoint.latest(run.checkpoints, below=manifest.step)
+    return None
+
+
+def _members(run: RunDirectory, start: Start, roster: Roster) -> list[Arrays]:
+    """The past players of a checkpoint; a damaged one is made again from its own checkpoint. Raises CheckpointError."""
+    from dronecombat_jax.combat.env import Combat
+    from dronecombat_jax.runs.past_players import Players
+
+    players = Players(run.checkpoints)
+    try:
+        return players.read(roster)
+    except CheckpointError as error:
+        fault = error
+    for slot in players.damaged(roster):
+        try:
+            then = read_start(run, slot * start.config.train.chunk_iterations)
+            players.mend(slot, load_state(then, Combat(then.config), pools=False))
+        except UserError:
+            raise fault from None
+        _log.warning("past player %d made again from checkpoint %d: %s", slot, then.iteration, fault)
+    return players.read(roster)
 
 
 def _refuse_lost(run: RunDirectory) -> None:

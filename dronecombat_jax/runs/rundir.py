@@ -55,6 +55,10 @@ class RunDirectory:
         return self.path / "fight.mp4"
 
     @property
+    def replay(self) -> Path:
+        return self.path / "replay.html"
+
+    @property
     def evaluation(self) -> Path:
         return self.path / "evaluation.json"
 

@@ -5,9 +5,11 @@ from typing import Any
 from dronecombat_jax import settings
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, UserError
+from dronecombat_jax.preflight import KEPT_ANYWAY, keep_rule
 from dronecombat_jax.runs import checkpoint
 from dronecombat_jax.runs.atomic import write_atomic
 from dronecombat_jax.runs.claim import rescue_run, still_there
+from dronecombat_jax.runs.past_players import Players, filled_slots
 from dronecombat_jax.runs.progress import Progress
 from dronecombat_jax.runs.provenance import describe
 from dronecombat_jax.runs.rundir import RunDirectory
@@ -20,6 +22,8 @@ class Saver:
         """`more_meta`: plain JSON for every checkpoint, beside what `provenance` says."""
         self.run, self.config, self.progress, self.more_meta = run, config, progress, more_meta
         self.refused: UserError | None = None
+        self._players = Players(run.checkpoints)
+        self.met: dict[str, Any] | None = None  # the environment that is flown, once it is loaded
 
     def save(self, state: Any) -> None:
         """Save `state` (NumPy leaves); the step is the number of iterations done.
@@ -28,10 +32,12 @@ class Saver:
         """
         if not still_there(self.run):
             self.run = rescue_run(self.run)
+            self._players = Players(self.run.checkpoints)
             self.progress.message(f"the run's directory has gone; checkpoints go to {self.run.path} from now on")
             write_atomic(self.run.config, settings.to_toml(self.config))
         try:
             self.save_now(state)
+            self._remove_others(int(state.iteration[0]))
             self.refused = None
         except UserError as error:
             if error.exit_code != EXIT_CANNOT_WRITE or self.refused is not None:
@@ -42,7 +48,22 @@ class Saver:
     def save_now(self, state: Any) -> None:
         """Save or raise: a run's first checkpoint, without which it must not start."""
         iteration = int(state.iteration[0])
-        checkpoint.save(self.run.checkpoints, iteration, state, describe(self.config, iteration) | self.more_meta)
+        meta = describe(self.config, iteration, self.met) | self.more_meta
+        filled = filled_slots(iteration, self.config.train.chunk_iterations)
+        state, roster = self._players.store(state, filled)
+        checkpoint.save(self.run.checkpoints, iteration, state, meta, players=roster)
+
+    def _remove_others(self, iteration: int) -> None:
+        """Remove the checkpoints that `run.keep` does not ask for; `iteration`: the newest."""
+        word, number = keep_rule(self.config.run.keep) or ("all", 1)
+        if word == "all":
+            return
+        steps = [step for step in checkpoint.steps(self.run.checkpoints) if step <= iteration]
+        newest = set(steps[-max(number if word == "last" else 0, KEPT_ANYWAY) :])
+        every = number * self.config.train.chunk_iterations
+        for step in steps:
+            if step not in newest and (word == "last" or step % every):
+                checkpoint.remove(self.run.checkpoints, step)
 
     def finish(self) -> None:
         """Raise the refusal that no later save has made good."""

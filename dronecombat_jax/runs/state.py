@@ -21,7 +21,7 @@ def flatten(tree: Any) -> Arrays:
     Raises TypeError for a leaf that is no plain array (Python numbers lose their dtype; typed PRNG
     keys, objects and text do not belong in a state), ValueError for a tree without numbers.
     """
-    arrays = {path: _plain(path, leaf) for path, leaf in _paths(tree)}
+    arrays = {path: _plain(path, leaf) for path, leaf in paths(tree)}
     if not any(array.size for array in arrays.values()):
         raise ValueError("a state without any number cannot be saved")
     return arrays
@@ -41,10 +41,10 @@ def leaves_of(arrays: Arrays) -> tuple[Leaf, ...]:
 
 def match_template(template: Any, saved: tuple[Leaf, ...], name: str, hint: str) -> list[Leaf]:
     """The leaves of `template` in its order, if `saved` holds exactly them; else CheckpointError."""
-    expected = [Leaf(path, np.dtype(leaf.dtype).name, tuple(leaf.shape)) for path, leaf in _paths(template)]
+    expected = [Leaf(path, np.dtype(leaf.dtype).name, tuple(leaf.shape)) for path, leaf in paths(template)]
     wanted, there = {leaf.path: leaf for leaf in expected}, {leaf.path: leaf for leaf in saved}
-    paths = [leaf.path for leaf in expected] + [leaf.path for leaf in saved if leaf.path not in wanted]
-    wrong = [path for path in paths if wanted.get(path) != there.get(path)]
+    names = [leaf.path for leaf in expected] + [leaf.path for leaf in saved if leaf.path not in wanted]
+    wrong = [path for path in names if wanted.get(path) != there.get(path)]
     if not wrong:
         return expected
     named = "; ".join(
@@ -62,7 +62,8 @@ def nonfinite(arrays: Arrays) -> str:
     return ", ".join(wrong[:_MAX_NAMED]) + more
 
 
-def _paths(tree: Any) -> list[tuple[str, Any]]:
+def paths(tree: Any) -> list[tuple[str, Any]]:
+    """Every leaf with its path, in JAX's order. Raises ValueError where two paths are equal."""
     import jax
 
     pairs = [

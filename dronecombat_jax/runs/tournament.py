@@ -21,7 +21,7 @@ from dronecombat_jax import backend
 from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.arena.result import Entrant, TournamentResult, tournament_result
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.fingerprint import environment, environment_digest
+from dronecombat_jax.combat.fingerprint import digest_of, environment
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.errors import EXIT_STOPPED, EXIT_TOURNAMENT
 from dronecombat_jax.runs.atomic import cannot_write, sweep
@@ -54,6 +54,7 @@ def tournament(
     root: str = "tournaments",
     cells: Cells | None = None,
     flights: int = 0,
+    mjcf: str = "",
     told: Mapping[str, Any] | None = None,
 ) -> int:
     """Fly, or go on with, the tournament of everybody whom `words` name; returns an exit code.
@@ -61,22 +62,31 @@ def tournament(
     Of runs `every` n-th chunk and the last take part, and with `untrained` also whom they began with. `cells` chooses
     the cells to be flown (default: all); what was flown before is part of the result in any case. `told`: plain JSON
     for `result.json`, too. `flights`: how many fights of each run's two sides of one chunk are recorded.
+    `mjcf`: the file of the drone or scene to fly, instead of where their runs left it.
     0: complete; 5: complete but for players who could not be read (`skip_bad`); 75: stopped by a signal and saved.
     Raises UserError: 2 and 3 as `read_field`, 73 where the folder cannot be written.
     """
     path = run_path(root, name or default_name(words))
     print("reading and verifying everybody ...", flush=True)
-    field = read_field(words, every=every, untrained=untrained, skip_bad=skip_bad, allow_mismatch=allow_mismatch)
+    field = read_field(
+        words,
+        every=every,
+        untrained=untrained,
+        skip_bad=skip_bad,
+        allow_mismatch=allow_mismatch,
+        mjcf=mjcf,
+    )
     defenders, attackers = ([seat.entrant for seat in side] for side in field.seats)
+    combat = Combat(field.config)
+    met = environment(field.config, combat.scene)  # as it is flown, whatever becomes of its files
     with _claim(path) as folder:
-        context = context_of(field, rules)
+        context = context_of(met, rules)
         identities = [[entrant.identity for entrant in side] for side in (defenders, attackers)]
         cause, steps = read_cells(folder / CELLS_NAME, context, *identities, episodes=rules.episodes)
         asked = np.ones(cause.shape[:2], bool) if cells is None else cells(defenders, attackers)
         grid = Grid(folder / CELLS_NAME, context, cause, steps, asked)
         _greet(folder, field, rules, grid)
         players = [[seat.player for seat in side] for side in field.seats]
-        combat = Combat(field.config)
         if not fly(folder.name, combat, players, rules, grid):
             return EXIT_STOPPED
         if flights:
@@ -85,7 +95,7 @@ def tournament(
             save_flights(folder, record_flights(combat, (defenders, attackers), sides, rules, flights))
         winner, control_dt = outcome_table(field.config.game), field.config.control_dt
         result = tournament_result(grid.cause, grid.steps, winner, defenders, attackers, control_dt)
-        save_result(folder, result, {**_about(field, context, result, grid.asked), **(told or {})})
+        save_result(folder, result, {**_about(field, met, context, result, grid.asked), **(told or {})})
         _conclude(folder, result, grid.asked)
     return EXIT_TOURNAMENT if field.bad else 0
 
@@ -97,11 +107,11 @@ def default_name(words: Sequence[str]) -> str:
     return re.sub(r"[^A-Za-z0-9._-]", "-", "-".join(dict.fromkeys(names)))[:100].lstrip(".") or "tournament"
 
 
-def context_of(field: Field, rules: Rules) -> dict[str, Any]:
-    """All that an outcome depends on beside the two players; plain JSON."""
+def context_of(met: dict[str, Any], rules: Rules) -> dict[str, Any]:
+    """All that an outcome depends on beside the two players; plain JSON. `met`: the environment."""
     config: Any = jax.config
     return {
-        "environment_digest": environment_digest(field.config),
+        "environment_digest": digest_of(met),
         **rules._asdict(),
         "generator": str(config.jax_default_prng_impl),
         "partitionable": bool(config.jax_threefry_partitionable),
@@ -135,13 +145,19 @@ def _greet(folder: Path, field: Field, rules: Rules, grid: Grid) -> None:
     print(f"tournament {folder}: {part} = {cells * episodes:,} fights{drawn}{before}", flush=True)
 
 
-def _about(field: Field, context: dict[str, Any], result: TournamentResult, asked: NDArray) -> dict[str, Any]:
+def _about(
+    field: Field,
+    met: dict[str, Any],
+    context: dict[str, Any],
+    result: TournamentResult,
+    asked: NDArray,
+) -> dict[str, Any]:
     """What the result says beside its entrants; plain JSON."""
     return {
         "package": package_version(),
         "jax": jax.__version__,
         **context,
-        "environment": environment(field.config),
+        "environment": met,
         "fights": int(result.counts.sum()),
         "pairs_asked": int(asked.sum()),
         "missing": list(field.bad),

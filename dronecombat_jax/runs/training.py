@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dronecombat_jax import processes, settings
+from dronecombat_jax import preflight, processes, settings
 from dronecombat_jax.config import Config
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED, UserError
 from dronecombat_jax.runs import fork
@@ -98,6 +98,8 @@ def _greet(run: RunDirectory, config: Config, start: Start | None) -> None:
         f"run {run.path}: {config.train.num_seeds} seed(s) x {planned:,} environment steps "
         f"({config.num_chunks} chunks of {config.steps_per_chunk:,}), {config.train.num_envs} environments"
     )
+    disk = preflight.estimated_disk_bytes(config)
+    print(f"disk: about {preflight.bytes_in_words(disk)} by its end (run.keep = {config.run.keep!r})", flush=True)
     if start is None:
         return
     done = f"{start.iteration * config.steps_per_iteration:,} environment steps per seed"
@@ -149,10 +151,13 @@ def _prepare(
     import jax
 
     from dronecombat_jax.combat.env import Combat
+    from dronecombat_jax.combat.fingerprint import environment
     from dronecombat_jax.selfplay.chunk import build_advance, init_state
     from dronecombat_jax.selfplay.mesh import place
 
     combat = Combat(config)
+    if saver:
+        saver.met = environment(config, combat.scene)
     with processes.together():
         mesh = seed_devices(config)
         if run and saver:
@@ -174,7 +179,7 @@ def _first_state(run: RunDirectory, config: Config, start: Start | None, saver: 
     if start is None:
         state = jax.jit(lambda: init_state(combat))()
     else:
-        for note in check_meta(start, config):
+        for note in check_meta(start, config, saver.met):
             saver.progress.message(note)
         state = (fork.forked_state if start.changed else restored_state)(start, config, combat)
     state = jax.device_get(state)

@@ -20,12 +20,23 @@ from dronecombat_jax.config import Config
 from dronecombat_jax.learn.ippo import init_learner, learn_from, without
 from dronecombat_jax.learn.rollout import Policies, collect
 from dronecombat_jax.learn.sharding import along_environments
+from dronecombat_jax.selfplay import tally
 from dronecombat_jax.selfplay.mesh import over_seeds
-from dronecombat_jax.selfplay.pool import NOBODY, choose, count_wins, init_selfplay, lose_live, players, save_players
+from dronecombat_jax.selfplay.pool import (
+    NOBODY,
+    choose,
+    count_wins,
+    init_selfplay,
+    lose_live,
+    met,
+    players,
+    save_players,
+)
 from dronecombat_jax.types import (
     NUM_AGENTS,
     Cause,
     EnvState,
+    Flown,
     IterationMetrics,
     SelfPlay,
     TrainState,
@@ -58,6 +69,7 @@ def init_state(combat: Combat) -> TrainState:
         return TrainState(
             learners=learners,
             env=reset_fights(combat, seed, jnp.zeros((), jnp.int32)),
+            flown=tally.fresh(train.num_envs),
             seed=seed,
             iteration=jnp.zeros((), jnp.int32),
             selfplay=init_selfplay(combat.config, learners),
@@ -124,13 +136,16 @@ def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, It
     if state.selfplay is not None:
         learning &= jnp.arange(NUM_AGENTS) != state.selfplay.frozen
     learners, updates = learn_from(config.learn, state.learners, rollout, shuffle, learning, config.solo_envs)
-    selfplay = state.selfplay
+    selfplay, num_envs = state.selfplay, config.train.num_envs
+    flown, at_each_step = tally.follow(state.flown, rollout, met(selfplay, num_envs))
     if selfplay is not None:
         outcomes = jnp.asarray(outcome_table(config.game))[rollout.cause]
-        together = jnp.arange(config.train.num_envs) >= config.solo_envs
-        selfplay = count_wins(selfplay, outcomes, (rollout.terminated | rollout.truncated) & together)
-    metrics = summarize(config, without(config.solo_envs, rollout), updates, selfplay)
-    return state.replace(learners=learners, env=env, iteration=state.iteration + 1, selfplay=selfplay), metrics
+        together = jnp.arange(num_envs) >= config.solo_envs
+        selfplay = count_wins(selfplay, outcomes, tally.counted(at_each_step, rollout) & together)
+    rollout, at_each_step = without(config.solo_envs, (rollout, at_each_step))
+    metrics = summarize(config, rollout, at_each_step, updates, selfplay)
+    state = state.replace(learners=learners, env=env, flown=flown, selfplay=selfplay)
+    return state.replace(iteration=state.iteration + 1), metrics
 
 
 def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
@@ -140,15 +155,15 @@ def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
     starts = state.iteration % config.train.chunk_iterations == 0
 
     def begin(state: TrainState) -> TrainState:
-        env, learners, selfplay = state.env, state.learners, state.selfplay
+        env, flown, learners, selfplay = state.env, state.flown, state.learners, state.selfplay
         if config.train.reset_at_chunk:
-            env = reset_fights(combat, state.seed, state.iteration)
+            env, flown = reset_fights(combat, state.seed, state.iteration), tally.fresh(config.train.num_envs)
         if selfplay is not None:
             selfplay = save_players(config, selfplay, learners, chunk)
             selfplay = choose(config, selfplay, chunk, _key(state.seed, state.iteration, Purpose.OPPONENT))
             if not config.selfplay.restore_live:
                 learners = lose_live(config, learners, selfplay)
-        return state.replace(env=env, learners=learners, selfplay=selfplay)
+        return state.replace(env=env, flown=flown, learners=learners, selfplay=selfplay)
 
     if state.selfplay is None and not config.train.reset_at_chunk:
         return state
@@ -162,16 +177,18 @@ def waits(config: Config, iteration: jax.Array) -> jax.Array:
 
 
 def summarize(
-    config: Config, rollout: Transition, learners: UpdateMetrics, selfplay: SelfPlay | None
+    config: Config, rollout: Transition, flown: Flown, learners: UpdateMetrics, selfplay: SelfPlay | None
 ) -> IterationMetrics:
-    """Count what happened in a `rollout` of those that fly together; an absent defender has not crashed."""
-    done = rollout.terminated | rollout.truncated
+    """Count what happened in a `rollout` of those that fly together, `flown` [T, N]; an absent defender has not crashed."""
+    counted = tally.counted(flown, rollout)
     down = rollout.out & ~jnp.asarray([config.game.scenario == "solo", False])
-    causes = jnp.sum(jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * done[..., None], axis=(0, 1))
+    causes = jnp.sum(jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * counted[..., None], axis=(0, 1))
     return IterationMetrics(
         causes=causes,
-        crashes=jnp.sum(down & done[..., None], axis=(0, 1), dtype=jnp.int32),
-        episode_steps=jnp.sum(rollout.clock * done, dtype=jnp.int32),
+        crashes=jnp.sum(down & counted[..., None], axis=(0, 1), dtype=jnp.int32),
+        episode_steps=jnp.sum(flown.steps * counted, dtype=jnp.int32),
+        returns=jnp.sum(flown.returns * counted[..., None], axis=(0, 1)),
+        diverged=jnp.sum(rollout.cause == Cause.DIVERGED, dtype=jnp.int32),
         reward_terms=jax.tree.map(lambda term: jnp.mean(term, axis=(0, 1)), rollout.reward_terms),
         learners=learners,
         frozen=jnp.asarray(NOBODY, jnp.int32) if selfplay is None else selfplay.frozen,

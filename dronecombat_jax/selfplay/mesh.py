@@ -38,7 +38,8 @@ def layout(mesh: jax.sharding.Mesh, state: TrainState) -> TrainState:
     """Where each leaf of a state lives: fights by seed and environment, all else by seed, the same for its devices."""
     here = lambda *axes: jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec(*axes))
     where = jax.tree.map(lambda _: here(SEEDS), state)
-    return where.replace(env=jax.tree.map(lambda _: here(*mesh.axis_names), state.env))
+    split = lambda fights: jax.tree.map(lambda _: here(*mesh.axis_names), fights)
+    return where.replace(env=split(state.env), flown=split(state.flown))
 
 
 def place(state: TrainState, mesh: jax.sharding.Mesh | None) -> TrainState:

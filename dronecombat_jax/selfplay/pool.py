@@ -143,8 +143,18 @@ def lose_live(config: Config, learners: Learner, state: SelfPlay) -> Learner:
     )
 
 
-def count_wins(state: SelfPlay, outcomes: jax.Array, done: jax.Array) -> SelfPlay:
-    """Enter the fights that ended, `done` [T, N], with `outcomes` [T, N] (`Outcome`), into the records."""
+def met(state: SelfPlay | None, num_envs: int) -> jax.Array:
+    """Whom the learner meets in each environment, as a code [N] int32: NOBODY for live players, else role and slot."""
+    if state is None:
+        return jnp.full(num_envs, NOBODY, jnp.int32)
+    return jnp.where(state.frozen == NOBODY, NOBODY, NUM_AGENTS * state.opponent + state.frozen)
+
+
+def count_wins(state: SelfPlay, outcomes: jax.Array, counted: jax.Array) -> SelfPlay:
+    """Enter the fights that count, where `counted` [T, N], with `outcomes` [T, N] (`Outcome`), into the records.
+
+    The present past player must have flown all of them (`tally.counted`).
+    """
     pools = []
     for past, pool in enumerate(state.pools):
         if pool is None:
@@ -152,7 +162,7 @@ def count_wins(state: SelfPlay, outcomes: jax.Array, done: jax.Array) -> SelfPla
             continue
         lost = Outcome.DEFENDER if past == ATTACKER else Outcome.ATTACKER  # the live player's win
         score = jnp.where(outcomes == lost, 1.0, jnp.where(outcomes == Outcome.DRAW, 0.5, 0.0))
-        played = done & (state.frozen == past)
+        played = counted & (state.frozen == past)
         member = jnp.maximum(state.opponent, 0)
         add = lambda record, counts: record.at[member].add(jnp.sum(counts, axis=0))  # noqa: B023 - used at once
         pools.append(

@@ -9,11 +9,15 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.config import SimConfig
+from dronecombat_jax.sim.fluid import Drag, drags
 from dronecombat_jax.sim.physics import build_physics
-from dronecombat_jax.sim.rotation import body_z
+from dronecombat_jax.sim.rotation import body_z, rotate, rotate_inverse
 from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import NUM_AGENTS, Drones
 
+Rotate = Callable[[jax.Array], jax.Array]
+Turn = Callable[[jax.Array, jax.Array], jax.Array]
+Push = Callable[[Drones, jax.Array], jax.Array]
 Step = Callable[[jax.Array, jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
 
 
@@ -25,15 +29,14 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
     """
     advance = build_physics(scene)
     weight = jnp.asarray(scene.weight, jnp.float32)
-    inertia = jnp.asarray(scene.inertia, jnp.float32)
     full_thrust = sim.thrust_to_weight * weight
+    in_fluid = drags(scene.flown) if scene.flown.in_fluid else None
+    push, turn = _pushing(sim, scene, in_fluid), _turning(sim, scene, in_fluid)
 
     def substep(qpos: jax.Array, qvel: jax.Array, thrust: jax.Array, moment: jax.Array):
         drones = split(qpos, qvel)
-        torque = moment
-        if sim.gyroscopic == "implicit":
-            torque = torque + gyroscopic_correction(drones.rate, moment, inertia, sim.timestep)
-        force = thrust[:, None] * body_z(drones.quaternion)
+        torque = turn(drones.rate, moment)
+        force = push(drones, thrust[:, None] * body_z(drones.quaternion))
         applied = jnp.concatenate([force, torque], axis=-1).reshape(-1)
         qpos, qvel = advance(qpos, qvel, applied)
         return qpos, limit_rate(qvel, sim.max_body_rate)
@@ -45,6 +48,65 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
         return state
 
     return step
+
+
+def _turning(sim: SimConfig, scene: Scene, in_fluid: tuple[Drag, Drag] | None) -> Turn:
+    """`turn(rate [A, 3], moment [A, 3])`: the torque [A, 3] to apply, in the bodies' frames.
+
+    The integrator adds MuJoCo's explicit gyroscopic torque; here come drag and what makes both
+    implicit.
+    """
+    inertia = jnp.asarray(scene.inertia, jnp.float32)
+    inwards, outwards = principal_axes(scene)
+    implicit = sim.gyroscopic == "implicit"
+
+    def turn(rate: jax.Array, moment: jax.Array) -> jax.Array:
+        rate, torque, damping = inwards(rate), inwards(moment), None
+        if in_fluid is not None:
+            drag, damping = in_fluid[1].resist(rate)
+            torque = torque + drag
+        if implicit:
+            torque = torque + gyroscopic_correction(rate, torque, inertia, sim.timestep, damping)
+        return outwards(torque)
+
+    return turn
+
+
+def _pushing(sim: SimConfig, scene: Scene, in_fluid: tuple[Drag, Drag] | None) -> Push:
+    """`push(drones, force [A, 3])`: the force [A, 3] to apply, drag included; world frame.
+
+    Drag is implicit: (m + h d) a = f, with the sum f of all forces and the slope d of the drag. The
+    integrator has m a = f, so that drag is to be less by h d a.
+    """
+    if in_fluid is None:
+        return lambda drones, force: force
+    mass = jnp.asarray(scene.mass, jnp.float32)[:, None]
+    weight = mass * jnp.asarray([0.0, 0.0, -scene.flown.gravity])
+    wind = jnp.asarray(scene.flown.wind)
+    inwards, outwards = principal_axes(scene)
+
+    def push(drones: Drones, force: jax.Array) -> jax.Array:
+        into = lambda vector: inwards(rotate_inverse(drones.quaternion, vector))
+        drag, slope = in_fluid[0].resist(into(drones.velocity - wind))
+        lost = sim.timestep * slope
+        drag = drag - lost / (mass + lost) * (into(force + weight) + drag)
+        return force + rotate(drones.quaternion, outwards(drag))
+
+    return push
+
+
+def principal_axes(scene: Scene, role: int | None = None) -> tuple[Rotate, Rotate]:
+    """Rotations from the bodies' frames to their principal axes, and back.
+
+    Of vectors [A, 3], or [..., 3] of the drone `role`. Where the axes are the bodies' own, as in
+    the package's scene, both leave a vector alone.
+    """
+    if scene.axes is None:
+        return (lambda vector: vector), (lambda vector: vector)
+    axes = jnp.asarray(scene.axes if role is None else scene.axes[role], jnp.float32)
+    back = jnp.swapaxes(axes, -1, -2)
+    times = lambda matrix: lambda vector: jnp.sum(matrix * vector[..., None, :], axis=-1)
+    return times(back), times(axes)
 
 
 def split(qpos: jax.Array, qvel: jax.Array) -> Drones:
@@ -65,7 +127,13 @@ def hover_command(thrust_to_weight: float) -> float:
     return 2.0 / thrust_to_weight - 1.0
 
 
-def gyroscopic_correction(rate: jax.Array, moment: jax.Array, inertia: jax.Array, timestep: float) -> jax.Array:
+def gyroscopic_correction(
+    rate: jax.Array,
+    moment: jax.Array,
+    inertia: jax.Array,
+    timestep: float,
+    damping: jax.Array | None = None,
+) -> jax.Array:
     """Torque [A, 3] in N m that turns an explicit gyroscopic term into a backward-Euler one.
 
     With f = w x (I w), applied moment m and one Newton step on the implicit equation,
@@ -73,12 +141,14 @@ def gyroscopic_correction(rate: jax.Array, moment: jax.Array, inertia: jax.Array
     correction is I (w' - w) / h + f - m. The moment belongs inside: left out, flights under
     saturated moments part from C MuJoCo's `implicit` integrator by radians per second.
     Without a moment it never gains energy (Catto, "Numerical Methods", GDC 2015).
-    `rate`, `moment` [A, 3] in the body frame, `inertia` [A, 3] diagonal.
+    `rate`, `moment` [A, 3] along the principal axes, `inertia` [A, 3] about them; `damping` [A, 3]
+    N m s/rad: what the moment loses per rad/s, a part of J.
     """
     momentum = inertia * rate
     explicit = moment - jnp.cross(rate, momentum)
     jacobian = timestep * (skew(rate) * inertia[..., None, :] - skew(momentum))
-    jacobian = jacobian + inertia[..., None, :] * jnp.eye(3, dtype=rate.dtype)
+    diagonal = inertia if damping is None else inertia + timestep * damping
+    jacobian = jacobian + diagonal[..., None, :] * jnp.eye(3, dtype=rate.dtype)
     return inertia * solve_3x3(jacobian, explicit) - explicit
 
 

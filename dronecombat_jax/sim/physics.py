@@ -8,10 +8,8 @@ from typing import Any
 
 import jax
 import mujoco
-import numpy as np
 
 from dronecombat_jax.backend import import_mjx
-from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim.scene import Scene
 
 Physics = Callable[[jax.Array, jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
@@ -28,11 +26,11 @@ def build_physics(scene: Scene) -> Physics:
     mjx, model, level = load_mjx(scene)
 
     def advance(qpos: jax.Array, qvel: jax.Array, force: jax.Array) -> tuple[jax.Array, jax.Array]:
-        # fwd_position is left out, and `level` holds its results. A free joint's velocity is linear in the world
-        # frame and angular in the body's; where the body's origin is its centre of mass and its axes are the
-        # principal ones, the equations of motion in these coordinates, m a = f + m g and I w' = t - w x I w,
-        # do not contain the pose. So masses, motion axes and inertias of any one pose give them, and at the origin
-        # no difference of large positions is rounded.
+        # fwd_position is left out, and `level` holds its results. A free joint's velocity is linear
+        # in the world frame and angular in the body's. Where the body's origin is its centre of
+        # mass, the equations of motion in these coordinates, m a = f + m g and I w' = t - w x I w,
+        # do not contain the pose. So masses, motion axes and inertias of any one pose give them, and
+        # at the origin no difference of large positions is rounded.
         data = mjx.fwd_velocity(model, level.replace(qvel=qvel, qfrc_applied=force))
         # No actuators: fwd_actuation is nothing. The forces on bodies in here are constant zeros at a constant
         # pose, which XLA sums while it compiles.
@@ -42,22 +40,11 @@ def build_physics(scene: Scene) -> Physics:
         data = mjx.euler(model, data.replace(qpos=qpos, qacc=data.qacc_smooth))
         return data.qpos, data.qvel
 
-    def advance_whole(qpos: jax.Array, qvel: jax.Array, force: jax.Array) -> tuple[jax.Array, jax.Array]:
-        data = mjx.step(model, level.replace(qpos=qpos, qvel=qvel, qfrc_applied=force))
-        return data.qpos, data.qvel
-
-    chosen = advance if is_simple(scene.lean) else advance_whole
-
     def precise(qpos: jax.Array, qvel: jax.Array, force: jax.Array) -> tuple[jax.Array, jax.Array]:
         with jax.default_matmul_precision("float32"):
-            return chosen(qpos, qvel, force)
+            return advance(qpos, qvel, force)
 
     return precise
-
-
-def is_simple(model: mujoco.MjModel) -> bool:
-    """Whether MuJoCo itself holds the mass matrix for diagonal: free bodies that have no other body inside."""
-    return bool(np.all(model.body_simple[model.jnt_bodyid] == 1))
 
 
 def load_mjx(scene: Scene) -> tuple[Any, Any, Any]:
@@ -67,7 +54,4 @@ def load_mjx(scene: Scene) -> tuple[Any, Any, Any]:
     data = mujoco.MjData(scene.lean)
     data.qpos[:] = LEVEL * (scene.lean.nq // len(LEVEL))
     mujoco.mj_forward(scene.lean, data)
-    try:
-        return mjx, mjx.put_model(scene.lean, device=here), mjx.put_data(scene.lean, data, device=here)
-    except NotImplementedError as error:
-        raise UserError(f"{scene.path}: MJX cannot step this scene: {' '.join(str(error).split())}") from None
+    return mjx, mjx.put_model(scene.lean, device=here), mjx.put_data(scene.lean, data, device=here)

@@ -7,7 +7,8 @@ from scipy.special import expit
 from tournaments import build, entrants, from_letters, from_rates
 
 from dronecombat_jax.arena.compare import compare_methods, elo_of_score, equivalence, pigeonhole_interval, welch
-from dronecombat_jax.arena.panel import Panel, additive_scores, away_panel, cells_needed
+from dronecombat_jax.arena.forgetting import at_home
+from dronecombat_jax.arena.panel import Panel, away_panel, cells_needed, fill_home, mean_scores
 from dronecombat_jax.arena.result import Alias
 from dronecombat_jax.types import Cause
 
@@ -28,9 +29,33 @@ def cross_play(gap, seed=0, seeds=6, weaker_attackers=0.0, spread=0.15, episodes
 def panel_of(table, methods):
     """A panel of one attacker a run and no pilots."""
     names = tuple(f"{method}-{index}" for index, method in enumerate(methods))
-    ones, score = np.ones(len(names)), np.nanmean(table, axis=1)
-    seeds = tuple(range(len(names)))
-    return Panel(names, tuple(methods), seeds, seeds, score, score, ones, table, names, tuple(methods), ones, (), ())
+    ones, seeds = np.ones(len(names)), tuple(range(len(names)))
+    filled = fill_home(table, ones)
+    return Panel(
+        runs=names,
+        methods=tuple(methods),
+        seeds=seeds,
+        steps=seeds,
+        adjusted=mean_scores(filled, ones),
+        plain=np.nanmean(table, axis=1),
+        fights=np.ones(len(names), int),
+        table=table,
+        filled=filled,
+        groups=names,
+        group_methods=tuple(methods),
+        weights=ones,
+        missing=(),
+        dropped=(),
+    )
+
+
+def equal_defenders(first, second, seeds=8, episodes=50):
+    """Every defender wins the share `first` against the first method's attackers, else `second`."""
+    share = np.repeat([first, second], seeds)[None, :, None]
+    won = np.arange(episodes) < episodes * share - 1e-9
+    cause = np.where(won, Cause.INTERCEPT, Cause.REACHED).astype(np.int8)
+    sides = entrants("d", seeds, 1, METHODS), entrants("a", seeds, 1, METHODS)
+    return build(np.broadcast_to(cause, (2 * seeds, 2 * seeds, episodes)), *sides)
 
 
 def test_the_panel_is_the_final_and_every_tenth_attacker_of_the_others_and_the_pilots():
@@ -42,11 +67,14 @@ def test_the_panel_is_the_final_and_every_tenth_attacker_of_the_others_and_the_p
     cause[final, 11] = Cause.INTERCEPT  # its own: must not count
     panel = away_panel(build(cause, defenders, attackers))
     assert panel.runs == ("ippo#0", "ippo#1")
-    np.testing.assert_allclose(panel.score, [2 / 3, 0.5])
+    np.testing.assert_allclose(panel.plain, [2 / 3, 0.5])
     assert panel.fights.tolist() == [3, 3]
     assert panel.groups == ("", "ippo#0", "ippo#1")
     assert panel.weights.tolist() == [1, 2, 2]
     np.testing.assert_allclose(panel.table, [[1, NAN, 0.5], [0.5, 0.5, NAN]])
+    # Only the pilot was met by both, and there the first is better by 0.5; so it is at both homes.
+    np.testing.assert_allclose(panel.filled, [[1, 1, 0.5], [0.5, 0.5, 0]], atol=1e-12)
+    np.testing.assert_allclose(panel.adjusted, [(1 + 2 * 1 + 2 * 0.5) / 5, (0.5 + 2 * 0.5) / 5])
 
 
 def test_a_policy_saved_again_takes_the_seats_of_all_its_chunks_and_no_second_seed():
@@ -63,7 +91,8 @@ def test_a_policy_saved_again_takes_the_seats_of_all_its_chunks_and_no_second_se
     panel = away_panel(build(cause, defenders, attackers))
     assert panel.runs == ("copy#1", "ippo#0") and panel.copies == (("ippo#1", "copy#1"),)
     assert panel.weights.tolist() == [2, 1]  # chunks 9 = 10 and 11 of the first run, the last of the second
-    np.testing.assert_allclose(panel.score, [0.75, 1.0])
+    np.testing.assert_allclose(panel.plain, [0.75, 1.0])
+    assert np.isnan(panel.adjusted).all()  # nobody met both of them
     assert panel.fights.tolist() == [2, 1]
 
 
@@ -75,6 +104,7 @@ def test_a_comparison_needs_no_other_cells_and_misses_none():
     cause = np.where(needed[..., None], result.cause, Cause.NONE)
     part = build(cause, result.defenders, result.attackers)
     assert compare_methods(part, every=1) == compare_methods(result, every=1)
+    assert at_home(part, away_panel(part)) == at_home(result, away_panel(result))
     for row in np.flatnonzero([one.chunk == 2 for one in result.defenders]):
         lost = cause.copy()
         lost[row] = Cause.NONE  # a final defender's cells are needed
@@ -89,7 +119,10 @@ def test_missing_runs_are_named_and_a_missing_attacker_leaves_the_panel_common()
     assert panel.missing == (("ippo#2", "ippo"),)
     assert panel.dropped == ("a-ippo-2-1",)
     assert panel.runs == ("ippo#0", "ippo#1", "ippo#3")
-    np.testing.assert_allclose(panel.score, [0.75, 1.0, 1.0])
+    np.testing.assert_allclose(panel.plain, [0.75, 1.0, 1.0])
+    # (?, 1/2, 1), (1, ?, 1), (1, 1, ?) with 3/4, 3/4, 5/4 filled in: rows' means 9/12, 11/12,
+    # 13/12, columns' 11/12, 9/12, 13/12, all cells' 11/12; row + column - all is what is filled in.
+    np.testing.assert_allclose(panel.adjusted, [9 / 12, 11 / 12, 13 / 12])
 
 
 def test_seven_of_eight_seeds_are_compared_and_the_eighth_is_reported():
@@ -107,7 +140,7 @@ def test_seven_of_eight_seeds_are_compared_and_the_eighth_is_reported():
 def test_a_planted_difference_is_found_with_its_size():
     (told,) = compare_methods(cross_play(0.8))
     assert (told.first, told.second) == METHODS
-    assert told.score.high < 0 and told.new_attackers[1] < 0
+    assert told.adjusted_score.high < 0 and told.new_attackers[1] < 0
     assert told.p_value <= 0.01 and told.adjusted_p == told.p_value and told.exact
     assert told.adjusted_equivalence_p == told.equivalence_p
     assert told.elo.low < -0.8 * 173.7 < told.elo.high
@@ -168,7 +201,8 @@ def test_one_seed_or_no_spread_gives_no_false_interval():
     assert equivalence(np.ones(3), np.zeros(3), 2.0) == 0
     assert equivalence(np.ones(3), np.zeros(3), 0.5) == 1
     (told,) = compare_methods(cross_play(0.5, seeds=1))
-    assert told.p_value == 1 and np.isnan(told.score.low) and np.isnan(told.new_attackers).all()
+    assert told.p_value == 1
+    assert np.isnan(told.adjusted_score.low) and np.isnan(told.new_attackers).all()
     assert told.verdict.startswith("undecided")
 
 
@@ -179,7 +213,67 @@ def test_unequal_attackers_bias_the_plain_mean_and_not_the_adjusted_one():
     np.fill_diagonal(table, NAN)
     plain = np.nanmean(table, axis=1)
     assert plain[:3].mean() - plain[3:].mean() == pytest.approx(0.2 / (2 * 3 - 1))
-    np.testing.assert_allclose(additive_scores(table, np.ones(6)), 0.6)
+    filled = fill_home(table, np.ones(6))
+    np.testing.assert_allclose(filled, 0.5 + np.tile(np.repeat([0.0, 0.2], 3), (6, 1)))
+    assert mean_scores(filled, np.ones(6)).tolist() == [0.6] * 6  # no differences by rounding
+
+
+def test_equal_defenders_are_equal_whatever_the_methods_attackers_are():
+    """0.6 against one method's attackers, 0.3 against the other's: plain means 0.440 and 0.460."""
+    result = equal_defenders(0.6, 0.3)
+    (told,) = compare_methods(result)
+    tilt = (7 * 0.6 + 8 * 0.3 - 8 * 0.6 - 7 * 0.3) / 15
+    assert told.plain_score.difference == pytest.approx(tilt) and tilt == pytest.approx(-0.02)
+    assert told.p_value == 1 and told.verdict == "ippo and s-ippo are equivalent within 25 Elo"
+    assert told.adjusted_score.difference == told.elo.difference == 0
+    assert told.new_attackers == pytest.approx((0, 0), abs=1e-12)
+    # And what differs at home is the attackers' doing.
+    panel = away_panel(result)
+    own = at_home(result, panel)
+    assert {fate.advantage for fate in own.values()} == {0.0}
+    assert {fate.worst for fate in own.values()} == {0.45}
+
+
+def test_who_knows_its_own_attackers_by_heart_has_the_advantage_at_home():
+    """Scores are row + column; at home all have 0.2 more, and the second 0.3 less than that."""
+    rows, columns = np.array([0.3, 0.35, 0.4, 0.45]), np.array([0.0, 0.1, 0.2, 0.3])
+    win = rows[:, None] + columns + 0.2 * np.eye(4)
+    win[1, 1] -= 0.3
+    won = np.arange(100) < 100 * win[..., None] - 1e-9
+    cause = np.where(won, Cause.INTERCEPT, Cause.REACHED).astype(np.int8)
+    result = build(cause, entrants("d", 2, 1, METHODS), entrants("a", 2, 1, METHODS))
+    own = at_home(result, away_panel(result))
+    np.testing.assert_allclose([own[run].advantage for run in own], [0.2, -0.1, 0.2, 0.2])
+    # At the panel's mean attacker, column 0.15: the row, and what is special at home.
+    np.testing.assert_allclose([own[run].worst for run in own], rows + 0.15 + [0.2, -0.1, 0.2, 0.2])
+
+
+def test_cells_at_home_are_filled_as_a_slow_loop_fills_them():
+    rng = np.random.default_rng(5)
+    table, weights = rng.random((7, 9)), rng.integers(1, 5, 9).astype(float)
+    table[np.arange(7), np.arange(7)] = NAN
+    table[3, 0] = NAN
+    filled = np.where(np.isnan(table), 0.5, table)
+    for _ in range(3000):  # the two-way fit to what is filled, filled in again, until nothing moves
+        row, column = filled @ weights / weights.sum(), filled.mean(axis=0)
+        fit = row[:, None] + column - row.mean()
+        filled = np.where(np.isnan(table), fit, table)
+    np.testing.assert_allclose(fill_home(table, weights), filled, atol=1e-9)
+
+
+def test_what_no_fight_tells_stays_unknown_and_is_no_finding():
+    """Two runs that met nobody in common: each one's score may be due to the other's attacker."""
+    table = np.array([[NAN, 0.9], [0.2, NAN]])
+    assert np.isnan(np.diag(fill_home(table, np.ones(2)))).all()
+    result = from_rates(
+        np.array([[0.5, 0.9], [0.2, 0.5]]),
+        20,
+        0,
+        defenders=entrants("d", 1, 1, METHODS),
+        attackers=entrants("a", 1, 1, METHODS),
+    )
+    with pytest.raises(ValueError, match="no attacker in common"):
+        compare_methods(result)
 
 
 def test_the_interval_for_new_attackers_covers_where_the_seeds_interval_does_not():
@@ -194,8 +288,8 @@ def test_the_interval_for_new_attackers_covers_where_the_seeds_interval_does_not
         panel = panel_of(table, methods)
         low, high = pigeonhole_interval(panel, "a", "b", 300, draw)
         pigeonhole.append(low < 0 < high)
-        plain = welch(panel.score[:6], panel.score[6:])
-        seeds.append(plain.low < 0 < plain.high)
+        alone = welch(panel.adjusted[:6], panel.adjusted[6:])
+        seeds.append(alone.low < 0 < alone.high)
     assert 0.9 <= np.mean(pigeonhole) <= 0.995
     assert np.mean(seeds) < 0.8
 
@@ -204,3 +298,6 @@ def test_elo_of_a_score_by_hand():
     # 10 wins in 11 are 10 to 1: 400 points. With half a fight added on both sides 9.5 in 10 become 10 in 11.
     assert elo_of_score(np.array(0.95), np.array(10)) == pytest.approx(400.0)
     assert np.isfinite(elo_of_score(np.array([0.0, 1.0]), np.array([5, 5]))).all()
+    # What a home cell adds may carry an adjusted score past its ends.
+    ends = elo_of_score(np.array([-0.2, 0.0, 1.0, 1.2]), np.array([5, 5, 5, 5]))
+    assert ends[0] == ends[1] and ends[2] == ends[3]

@@ -87,6 +87,6 @@ def test_only_draws_leave_methods_undecided_or_equal_but_never_ranked():
     methods = ("a", "b")
     result = build(np.full((8, 8, 5), 6, np.int8), entrants("d", 4, 1, methods), entrants("a", 4, 1, methods))
     (told,) = compare_methods(result)
-    assert told.p_value == 1 and told.score.difference == 0
+    assert told.p_value == 1 and told.adjusted_score.difference == 0
     assert told.verdict == "a and b are equivalent within 25 Elo"
     assert np.isnan(told.effect)

@@ -64,6 +64,13 @@ def test_equal_samples_and_single_seeds():
         permutation_test(np.array([]), np.ones(3))
 
 
+def test_unknown_values_have_no_p_value():
+    assert np.isnan(permutation_test(np.array([1.0, np.nan]), np.zeros(2)).p_value)
+    assert np.isnan(sign_flip_test(np.array([1.0, np.nan])).p_value)
+    both = np.array([[1.0, np.nan], [2.0, 0.0]])
+    assert np.isnan(permutation_test(both, np.zeros((2, 2))).p_value).tolist() == [False, True]
+
+
 def test_holm_worked_by_hand():
     # Sorted 0.01, 0.02, 0.03, 0.04 times 4, 3, 2, 1 is 0.04, 0.06, 0.06, 0.04; never falling: 0.04, 0.06, 0.06, 0.06.
     np.testing.assert_allclose(holm([0.03, 0.01, np.nan, 0.04, 0.02]), [0.06, 0.04, np.nan, 0.06, 0.06])

@@ -1,16 +1,129 @@
-"""The digest changes with what a policy meets and with nothing else."""
+"""The digest changes with what a policy meets, settings and scene, and with nothing else."""
 
 import dataclasses
 import json
+import shutil
 
 import pytest
+from drones import SMALL, write
 
 from dronecombat_jax import settings
 from dronecombat_jax.combat import fingerprint
 from dronecombat_jax.combat.fingerprint import environment, environment_diff, environment_digest, observation_fields
 from dronecombat_jax.config import Config, GameConfig, LearnConfig, RewardConfig, SimConfig, TrainConfig
+from dronecombat_jax.sim import source
+from dronecombat_jax.sim.flown import package_scene
+from dronecombat_jax.sim.scene import load_scene
+from dronecombat_jax.types import ROLES
 
-GAME_SETTINGS = [key for key in settings.SCHEMA if key.startswith(("sim.", "game.")) and key != "game.random_clock"]
+NOT_MET = ("game.random_clock", "sim.mjcf")  # what an MJCF says is met, wherever it lies
+GAME = ("sim.", "game.")
+GAME_SETTINGS = [key for key in settings.SCHEMA if key.startswith(GAME) and key not in NOT_MET]
+# As released with commit 87207b8: old runs resume, old policy files fly, old tournaments go on.
+GOLDEN = {
+    "isaac": "a0cabf39930b8c88061e05d8120d1e5c794c74a9e37e1818b2d3bceb77137d5e",
+    "firmware": "e37a991a024d9bc5484e12b2276f6eefd1ecd704576420c5acb21b782504eccc",
+    "menagerie": "c8fd5097b5ee755bc085b59f6b06609370116d4c4ad67e87b16c6a46dc1c622c",
+    "p250": "2c1ee334b9dbeadb9965a7696c970f972a0f015ca3a3f47441e7dd8ce4432947",
+}
+
+
+def of_both(**values) -> dict:
+    return {f"scene.{role}.{key}": value for role in ROLES for key, value in values.items()}
+
+
+EDITS = {
+    "mass": ('mass="0.0282"', 'mass="1.325"', of_both(mass=1.325)),
+    "inertia": (
+        "2.1236e-5 2.1320e-5 3.5412e-5",
+        "2.2e-5 2.1320e-5 3.5412e-5",
+        of_both(inertia=[2.2e-5, 2.1320e-5, 3.5412e-5]),
+    ),
+    "products of inertia": (
+        'diaginertia="2.1236e-5 2.1320e-5 3.5412e-5"',
+        'fullinertia="2.1e-5 2.2e-5 3.5e-5 1e-6 0 0"',
+        of_both(inertia=[2.1e-5, 2.2e-5, 3.5e-5, 1e-6, 0, 0]),
+    ),
+    "gravity": ("-9.81", "-3.71", {"scene.gravity": 3.71}),
+    "fluid": ("<option ", '<option density="1.2" ', {"scene.density": 1.2, "scene.viscosity": 0.0}),
+    "wind": (
+        "<option ",
+        '<option viscosity="1e-4" wind="0 2 0" ',
+        {"scene.density": 0.0, "scene.viscosity": 1e-4, "scene.wind": [0.0, 2.0, 0.0]},
+    ),
+    "colours alone": ('rgba="0.12 0.47 0.95 1"', 'rgba="1 0 0 1"', {}),
+    "wind in a vacuum": ("<option ", '<option wind="0 2 0" ', {}),
+}
+
+
+@pytest.fixture
+def edited(tmp_path, monkeypatch):
+    """`edited(old, new)`: the package's combat.xml is edited where it stands, from now on."""
+    folder = shutil.copytree(source.find_mjcf_dir(), tmp_path / "mjcf")
+    monkeypatch.setattr(source, "find_mjcf_dir", lambda: folder)
+
+    def edit(old: str, new: str):
+        text = (folder / "combat.xml").read_text()
+        assert old in text
+        (folder / "combat.xml").write_text(text.replace(old, new))
+
+    return edit
+
+
+@pytest.mark.parametrize("body", GOLDEN)
+def test_the_packages_own_scene_keeps_its_digest(body):
+    assert environment_digest(Config(sim=SimConfig(body=body))) == GOLDEN[body]
+
+
+def test_the_scene_says_what_its_reference_says():
+    """The numbers in the code that an edited MJCF is compared with."""
+    assert load_scene(SimConfig()).flown == package_scene("isaac")
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_an_edited_scene_is_another_game_and_says_what_differs(edit, edited):
+    old, new, wanted = EDITS[edit]
+    before = environment(Config())
+    edited(old, new)
+    here = environment(Config())
+    assert {key: value for key, value in here.items() if key.startswith("scene.")} == wanted
+    assert (environment_digest(Config()) == GOLDEN["isaac"]) == (not wanted)
+    lines = environment_diff(before, here)
+    assert [line.split(" is ")[0] for line in lines] == sorted(wanted)
+    assert all(" is the package's own there, " in line for line in lines)
+    assert environment(Config(), load_scene(SimConfig())) == here
+    assert json.loads(json.dumps(here)) == here
+
+
+def test_an_edit_that_sim_body_replaces_is_not_met(edited):
+    edited('mass="0.0282"', 'mass="1.325"')
+    assert environment_digest(Config(sim=SimConfig(body="p250"))) == GOLDEN["p250"]
+
+
+def test_an_own_drone_is_known_by_its_numbers_and_not_by_its_place(tmp_path):
+    """Wherever it lies it is the same game; with the package's numbers it is the package's."""
+    (tmp_path / "moved").mkdir()
+    folders = tmp_path, tmp_path / "moved"
+    first, moved = (environment(Config(sim=SimConfig(mjcf=str(write(at))))) for at in folders)
+    assert first == moved
+    assert first["scene.attacker.mass"] == 0.027 and first["scene.density"] == 1.225
+    same = write(
+        tmp_path,
+        SMALL,
+        ('density="1.225" viscosity="1.8e-5"', ""),
+        ("0.027", "0.0282"),
+        ("2.3951e-5 2.3951e-5 3.2347e-5", "2.1236e-5 2.1320e-5 3.5412e-5"),
+        name="same.xml",
+    )
+    assert environment_digest(Config(sim=SimConfig(mjcf=str(same)))) == GOLDEN["isaac"]
+
+
+def test_axes_of_drag_are_part_of_the_game(tmp_path):
+    """One inertia tensor, two boxes: two equal moments, and axes turned in their plane."""
+    tilted = ('pos="0 0 0" mass', 'pos="0 0 0" quat="0.9238795 0.3826834 0 0" mass')
+    other = ('pos="0 0 0" mass', 'pos="0 0 0" quat="0.9238795 0.3826834 0 0.1" mass')
+    met = lambda turn: environment(Config(sim=SimConfig(mjcf=str(write(tmp_path, SMALL, turn)))))
+    assert "scene.defender.axes" in met(tilted) and met(tilted) != met(other)
 
 
 def other_value(key: str):

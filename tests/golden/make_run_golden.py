@@ -1,4 +1,4 @@
-"""Write `run_v1/`: a run's checkpoint as this version saves it, and what its policies do. `tests/runs/test_golden_run.py` reads it.
+"""Write `run_v2/`: a run's checkpoint as this version saves it, and what its policies do. `tests/runs/test_golden_run.py` reads it.
 
     python tests/golden/make_run_golden.py
 
@@ -21,6 +21,7 @@ from dronecombat_jax.learn.rollout import policy_mean  # noqa: E402
 from dronecombat_jax.runs import checkpoint  # noqa: E402
 from dronecombat_jax.runs.evaluation import load_run, policies  # noqa: E402
 from dronecombat_jax.runs.manifest import SCHEMA  # noqa: E402
+from dronecombat_jax.runs.past_players import Players, filled_slots  # noqa: E402
 from dronecombat_jax.runs.provenance import describe  # noqa: E402
 from dronecombat_jax.selfplay.chunk import init_state  # noqa: E402
 
@@ -39,7 +40,10 @@ def main() -> None:
     shapes = jax.eval_shape(lambda: init_state(combat))
     state = jax.tree.map(lambda leaf: (rng.standard_normal(leaf.shape) ** 2).astype(leaf.dtype), shapes)
     state = state.replace(iteration=np.array([ITERATION], np.int32), seed=np.array([11], np.uint32))
-    checkpoint.save(home / "checkpoints", ITERATION, state, describe(CONFIG, ITERATION))
+    (home / "checkpoints").mkdir()
+    filled = filled_slots(ITERATION, CONFIG.train.chunk_iterations)
+    state, roster = Players(home / "checkpoints").store(state, filled)
+    checkpoint.save(home / "checkpoints", ITERATION, state, describe(CONFIG, ITERATION), players=roster)
     observation = rng.standard_normal((3, 35)).astype(np.float32)
     run = load_run(home)
     actions = [np.asarray(policy_mean(CONFIG.learn, policy, observation)).tolist() for policy in policies(run, 0)]

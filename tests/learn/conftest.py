@@ -25,6 +25,7 @@ class Task(NamedTuple):
     centre: jax.Array
     slope: jax.Array
     length: jax.Array  # [] steps of a fight
+    flies: jax.Array  # [] steps of it in which the drones fly; then they lie there
     truncates: jax.Array  # [] bool, a fight ends by time-out instead of a decision
 
 
@@ -70,6 +71,8 @@ class Probe:
             ),
             terminated=done & ~task.truncates,
             truncated=done & task.truncates,
+            active=jnp.broadcast_to(state.clock < task.flies, 2),
+            idle=jnp.broadcast_to(state.clock >= task.flies, 2),
         )
         return after, output
 
@@ -78,10 +81,11 @@ class Probe:
 def make_task() -> Callable[..., Task]:
     """A task from the terms that it pays; each one number, or one per agent."""
 
-    def make(length: int = 1, truncates: bool = False, **terms) -> Task:
+    def make(length: int = 1, flies: int = 10**6, truncates: bool = False, **terms) -> Task:
         given = {name: jnp.broadcast_to(jnp.asarray(value, jnp.float32), 2) for name, value in terms.items()}
         zeros = {name: jnp.zeros(2) for name in Task._fields[:6]}
-        return Task(**zeros | given, length=jnp.int32(length), truncates=jnp.asarray(truncates))
+        steps = {"length": jnp.int32(length), "flies": jnp.int32(flies)}
+        return Task(**zeros | given, **steps, truncates=jnp.asarray(truncates))
 
     return make
 

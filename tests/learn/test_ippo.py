@@ -14,7 +14,9 @@ from dronecombat_jax.learn.ippo import cut, estimate_values, init_learner, learn
 from dronecombat_jax.learn.networks import forward
 from dronecombat_jax.learn.normalize import denormalize, init_scaler, update_scaler
 from dronecombat_jax.learn.rollout import collect, policy_mean, policy_of, scaled, select
+from dronecombat_jax.selfplay import tally
 from dronecombat_jax.selfplay.chunk import summarize
+from dronecombat_jax.selfplay.pool import met
 from dronecombat_jax.types import ATTACKER, DEFENDER, Batch, Cause, Learner
 
 LEARN = LearnConfig(
@@ -56,13 +58,15 @@ def learn(make_probe, make_task):
 
         def one(carry, i):
             noise, spawn, shuffle = jax.random.split(jax.random.fold_in(key, i), 3)
-            learners, env = carry
+            learners, env, flown = carry
             flying = policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
             env, rollout = collect(probe, flying, env, noise, spawn)
+            flown, at_each_step = tally.follow(flown, rollout, met(None, CONFIG.train.num_envs))
             learners, metrics = learn_from(CONFIG.learn, learners, rollout, shuffle, learning)
-            return (learners, env), summarize(CONFIG, rollout, metrics, None)
+            return (learners, env, flown), summarize(CONFIG, rollout, at_each_step, metrics, None)
 
-        (learners, _), metrics = jax.lax.scan(one, (learners, env), jnp.arange(ITERATIONS))
+        start = learners, env, tally.fresh(CONFIG.train.num_envs)
+        (learners, *_), metrics = jax.lax.scan(one, start, jnp.arange(ITERATIONS))
         return learners, metrics
 
     def run(learners=None, learning=BOTH, seed=0, **task) -> Result:
@@ -101,6 +105,14 @@ def test_reward_that_comes_later_is_discounted(learn):
     for agent, sign in ((DEFENDER, 1.0), (ATTACKER, -1.0)):
         for clock, expected in enumerate((0.81, 0.9, 1.0)):
             assert sign * result.value(agent, 1.0, clock) == pytest.approx(expected, abs=0.07), clock
+
+
+def test_what_comes_after_a_crash_is_part_of_the_crashs_worth(learn):
+    """The drones fly for three steps, lie there for three, and the last step pays 1 or -1."""
+    result = learn(last=(1.0, -1.0), length=6, flies=3)
+    for agent, sign in ((DEFENDER, 1.0), (ATTACKER, -1.0)):
+        for clock in range(6):
+            assert sign * result.value(agent, 1.0, clock) == pytest.approx(0.9 ** (5 - clock), abs=0.08), clock
 
 
 def test_a_time_out_is_worth_the_value_of_its_final_observation(learn):
@@ -171,13 +183,14 @@ def test_what_an_iteration_reports(learn):
     assert causes[:4, Cause.REACHED].tolist() == [64, 96, 96, 64]
     assert causes.sum() == causes[:, Cause.REACHED].sum()
     assert np.array_equal(result.metrics.episode_steps, 3 * causes.sum(1))
+    np.testing.assert_allclose(result.metrics.returns, causes.sum(1)[:, None] * [[3.0, -9.0]], rtol=1e-5)
     np.testing.assert_allclose(result.metrics.reward_terms.approach, [[1.0, -3.0]] * ITERATIONS, rtol=1e-6)
     learning_rate = np.asarray(result.metrics.learners.learning_rate)
     assert np.all(learning_rate[:, DEFENDER] > 0) and result.learners.learning_rate[DEFENDER] == learning_rate[-1, 0]
 
 
 def test_minibatches_are_contiguous_in_time_or_shuffled_without_loss():
-    flat = Batch(*(jnp.arange(12.0) + 100 * i for i in range(6)))
+    flat = Batch(*(jnp.arange(12.0) + 100 * i for i in range(len(Batch._fields))))
     key = jax.random.key(0)
     sequential = cut(LearnConfig(minibatches=3), flat, key)
     assert sequential.log_prob.tolist() == (200 + np.arange(12.0).reshape(3, 4)).tolist()
@@ -195,7 +208,9 @@ def test_values_of_successors(bootstrap):
     learn = LearnConfig(hidden_sizes=(8,), bootstrap_timeout=bootstrap)
     learner = init_learner(jax.random.key(0), learn)
     rng = np.random.default_rng(0)
-    learner = learner.replace(value_scaler=update_scaler(init_scaler(()), jnp.asarray(rng.normal(size=50) * 20 + 9)))
+    learner = learner.replace(
+        value_scaler=update_scaler(init_scaler(()), jnp.asarray(rng.normal(size=50) * 20 + 9), jnp.ones(50))
+    )
     now, final = (jnp.asarray(rng.normal(size=(6, 3, 2, 35)), jnp.float32) for _ in range(2))
     truncated = jnp.asarray(rng.random((6, 3)) < 0.3).at[2].set(False)
     rollout = SimpleNamespace(observation=now, final_observation=final, truncated=truncated)

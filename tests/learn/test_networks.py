@@ -10,13 +10,13 @@ from scipy import stats
 
 from dronecombat_jax.config import LearnConfig
 from dronecombat_jax.learn.networks import (
-    bounded_log_std,
     elu,
     forward,
     gaussian_entropy,
     gaussian_log_prob,
     init_mlp,
     init_parameters,
+    project_log_std,
 )
 
 LEARN = LearnConfig(hidden_sizes=(48, 24), hidden_gain=1.5, policy_output_gain=0.25, initial_log_std=-0.5)
@@ -101,6 +101,6 @@ def test_log_probability_and_entropy_are_those_of_scipy():
 
 def test_log_std_is_kept_in_its_bounds():
     parameters = PARAMETERS.replace(log_std=jnp.asarray([-30.0, -20.0, 1.0, 5.0]))
-    assert bounded_log_std(parameters, LEARN).tolist() == [-20.0, -20.0, 1.0, 2.0]
+    assert project_log_std(parameters, LEARN).log_std.tolist() == [-20.0, -20.0, 1.0, 2.0]
     narrow = replace(LEARN, min_log_std=-1.0, max_log_std=0.0)
-    assert bounded_log_std(parameters, narrow).tolist() == [-1.0, -1.0, 0.0, 0.0]
+    assert project_log_std(parameters, narrow).log_std.tolist() == [-1.0, -1.0, 0.0, 0.0]

@@ -18,13 +18,17 @@ def test_four_batches_agree_with_skrl():
     scaler = init_scaler((3,))
     for k in range(4):
         after = {name: golden[f"scaler/float32/{k}/{name}"] for name in ("mean", "variance", "count")}
-        scaler = update_scaler(scaler, jnp.asarray(golden[f"scaler/float32/{k}/input"]))
+        batch = jnp.asarray(golden[f"scaler/float32/{k}/input"])
+        scaler = update_scaler(scaler, batch, jnp.ones(batch.shape[:-1]))
         np.testing.assert_allclose(scaler.mean, after["mean"], rtol=1e-6)
         np.testing.assert_allclose(scaler.variance, after["variance"], rtol=2e-6)
         assert scaler.count == after["count"]
         output = normalize(scaler, jnp.asarray(golden[f"scaler/float32/{k}/input"]))
         np.testing.assert_allclose(output, golden[f"scaler/float32/{k}/output"], rtol=2e-5, atol=2e-6)
-        np.testing.assert_allclose(denormalize(scaler, probe), golden[f"scaler/float32/{k}/inverse"], rtol=2e-6)
+        # Terms nearly cancel, as in 30.61804 - 29.70065: float32 knows 30.6 to 1.9e-6 alone, and
+        # skrl's own result is 7e-7 away from what its mean and variance give in float64.
+        inverse = golden[f"scaler/float32/{k}/inverse"]
+        np.testing.assert_allclose(denormalize(scaler, probe), inverse, rtol=2e-6, atol=2e-6)
 
 
 def test_many_batches_agree_with_numpy():
@@ -32,7 +36,7 @@ def test_many_batches_agree_with_numpy():
     data = rng.normal([3.0, -40.0], [0.1, 25.0], (50, 20, 30, 2)).astype(np.float32)
     scaler = init_scaler((2,))
     for batch in data:
-        scaler = update_scaler(scaler, jnp.asarray(batch))
+        scaler = update_scaler(scaler, jnp.asarray(batch), jnp.ones(batch.shape[:-1]))
     flat = data.reshape(-1, 2).astype(np.float64)
     # The start counts as one sample of mean 0: the mean of n numbers is their sum / (n + 1).
     np.testing.assert_allclose(scaler.mean, flat.sum(0) / (len(flat) + 1), rtol=1e-5)
@@ -42,7 +46,10 @@ def test_many_batches_agree_with_numpy():
 
 def test_a_scaler_of_single_numbers_takes_any_leading_axes():
     batch = jnp.asarray(np.random.default_rng(1).normal(size=(6, 4)), jnp.float32)
-    table, row = update_scaler(init_scaler(()), batch), update_scaler(init_scaler(()), batch.reshape(-1))
+    table, row = (
+        update_scaler(init_scaler(()), batch, jnp.ones(batch.shape)),
+        update_scaler(init_scaler(()), batch.reshape(-1), jnp.ones(batch.size)),
+    )
     assert table.mean.shape == () and table.count == 25
     np.testing.assert_allclose(table.mean, row.mean, rtol=1e-6)
     np.testing.assert_allclose(table.variance, row.variance, rtol=1e-6)
@@ -60,13 +67,13 @@ def test_scaling_is_clipped_at_five_and_undone():
 def test_a_constant_input_stays_finite():
     scaler = init_scaler((2,))
     for _ in range(100):
-        scaler = update_scaler(scaler, jnp.full((500, 2), 7.0))
+        scaler = update_scaler(scaler, jnp.full((500, 2), 7.0), jnp.ones(500))
     scaled = normalize(scaler, jnp.full((2,), 7.0))
     assert np.all(np.isfinite(scaled)) and np.all(np.abs(scaled) <= 5.0)
 
 
 @pytest.mark.parametrize("poison", [np.nan, np.inf, -np.inf])
 def test_a_batch_that_is_not_finite_is_left_out(poison):
-    before = update_scaler(init_scaler(()), jnp.arange(8.0))
-    after = update_scaler(before, jnp.arange(8.0).at[3].set(poison))
+    before = update_scaler(init_scaler(()), jnp.arange(8.0), jnp.ones(8))
+    after = update_scaler(before, jnp.arange(8.0).at[3].set(poison), jnp.ones(8))
     assert (after.mean, after.variance, after.count) == (before.mean, before.variance, before.count)

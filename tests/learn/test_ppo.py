@@ -71,14 +71,18 @@ def test_lambda_one_gives_returns_and_lambda_zero_gives_the_temporal_difference(
 
 def test_advantage_normalisation():
     # mean 2, deviation with ddof 1: sqrt((1 + 0 + 1) / 2) = 1
-    np.testing.assert_allclose(ppo.normalize_advantages(jnp.asarray([1.0, 2.0, 3.0])), [-1.0, 0.0, 1.0], atol=1e-7)
-    scaled = ppo.normalize_advantages(jnp.arange(12.0).reshape(3, 4) * 50.0 - 7.0)
+    np.testing.assert_allclose(
+        ppo.normalize_advantages(jnp.asarray([1.0, 2.0, 3.0]), jnp.ones(3)), [-1.0, 0.0, 1.0], atol=1e-7
+    )
+    scaled = ppo.normalize_advantages(jnp.arange(12.0).reshape(3, 4) * 50.0 - 7.0, jnp.ones((3, 4)))
     assert np.mean(scaled) == pytest.approx(0.0, abs=1e-6) and np.std(scaled, ddof=1) == pytest.approx(1.0)
-    assert ppo.normalize_advantages(jnp.full((4, 2), 3.0)).tolist() == [[0.0] * 2] * 4  # no deviation: no NaN
+    assert (
+        ppo.normalize_advantages(jnp.full((4, 2), 3.0), jnp.ones((4, 2))).tolist() == [[0.0] * 2] * 4
+    )  # no deviation: no NaN
 
 
 def policy_loss(ratio: list[float], advantage: list[float]) -> jax.Array:
-    return ppo.policy_loss(jnp.log(jnp.asarray(ratio)), jnp.asarray(advantage), 0.2)
+    return ppo.policy_loss(jnp.log(jnp.asarray(ratio)), jnp.asarray(advantage), jnp.ones(len(ratio)), 0.2)
 
 
 def test_policy_loss_worked_by_hand():
@@ -89,7 +93,9 @@ def test_policy_loss_worked_by_hand():
 
 def test_policy_gradient_is_that_of_the_surrogate_and_stops_where_it_is_clipped():
     def slope(ratio: float, advantage: float) -> float:
-        gradient = jax.grad(lambda log_ratio: ppo.policy_loss(log_ratio[None], jnp.asarray([advantage]), 0.2))
+        gradient = jax.grad(
+            lambda log_ratio: ppo.policy_loss(log_ratio[None], jnp.asarray([advantage]), jnp.ones(1), 0.2)
+        )
         return float(gradient(jnp.log(ratio)))
 
     assert slope(1.0, 2.0) == pytest.approx(-2.0)  # d/d(log r) of -r A at r = 1
@@ -112,16 +118,16 @@ def test_policy_gradient_is_that_of_the_surrogate_and_stops_where_it_is_clipped(
 )
 def test_value_losses_worked_by_hand(form, expected):
     value, old, target = jnp.asarray([1.0, 1.0, 0.1]), jnp.zeros(3), jnp.asarray([2.0, 0.1, 1.0])
-    assert ppo.value_loss(value, old, target, 0.2, form) == pytest.approx(expected, rel=1e-6)
+    assert ppo.value_loss(value, old, target, jnp.ones(value.shape), 0.2, form) == pytest.approx(expected, rel=1e-6)
 
 
 def test_kl_estimate():
     ratio = np.array([2.0, 0.5, 1.0])
     expected = np.mean((ratio - 1.0) - np.log(ratio))  # (1 - 0.6931 + -0.5 + 0.6931 + 0) / 3 = 1/6
     assert expected == pytest.approx(1 / 6)
-    assert ppo.approximate_kl(jnp.log(jnp.asarray(ratio))) == pytest.approx(expected, rel=1e-6)
+    assert ppo.approximate_kl(jnp.log(jnp.asarray(ratio)), jnp.ones(len(ratio))) == pytest.approx(expected, rel=1e-6)
     # small ratios: x^2 / 2; `exp(x) - 1 - x` in float32 would be off by a factor here
-    assert ppo.approximate_kl(jnp.full(5, 1e-3)) == pytest.approx(0.5e-6, rel=2e-3)
+    assert ppo.approximate_kl(jnp.full(5, 1e-3), jnp.ones(5)) == pytest.approx(0.5e-6, rel=2e-3)
 
 
 def rate_after(kl: float, rate: float, learn: LearnConfig = LEARN) -> float:
@@ -161,8 +167,8 @@ def test_learning_rate_schedule_is_that_of_skrl():
 
 def test_explained_variance():
     target = jnp.asarray([1.0, -2.0, 4.0, 0.5])
-    assert ppo.explained_variance(target, target) == pytest.approx(1.0)
-    assert ppo.explained_variance(target, target + 9.0) == pytest.approx(1.0)  # an offset is no variance
-    assert ppo.explained_variance(target, jnp.full(4, jnp.mean(target))) == pytest.approx(0.0, abs=1e-6)
-    assert ppo.explained_variance(target, -target) == pytest.approx(-3.0)  # 1 - Var(2 R) / Var(R)
-    assert ppo.explained_variance(jnp.ones(4), target) == 0.0
+    assert ppo.explained_variance(target, target, jnp.ones(4)) == pytest.approx(1.0)
+    assert ppo.explained_variance(target, target + 9.0, jnp.ones(4)) == pytest.approx(1.0)  # an offset is no variance
+    assert ppo.explained_variance(target, jnp.full(4, jnp.mean(target)), jnp.ones(4)) == pytest.approx(0.0, abs=1e-6)
+    assert ppo.explained_variance(target, -target, jnp.ones(4)) == pytest.approx(-3.0)  # 1 - Var(2 R) / Var(R)
+    assert ppo.explained_variance(jnp.ones(4), target, jnp.ones(4)) == 0.0

@@ -10,7 +10,7 @@ from scipy import stats
 
 from dronecombat_jax.config import Config, LearnConfig
 from dronecombat_jax.learn.ippo import init_learner
-from dronecombat_jax.learn.networks import bounded_log_std, gaussian_log_prob
+from dronecombat_jax.learn.networks import gaussian_log_prob, project_log_std
 from dronecombat_jax.learn.rollout import act, collect, policy_mean, policy_of, select
 from dronecombat_jax.types import Cause, Scaler
 
@@ -72,7 +72,8 @@ def test_recomputed_log_probabilities_have_ratio_one(flown, learners):
     for agent in range(2):
         learner = select(learners, agent)
         mean = policy_mean(LEARN, policy_of(learner), rollout.observation[:, :, agent])
-        again = gaussian_log_prob(rollout.action[:, :, agent], mean, bounded_log_std(learner.parameters, LEARN))
+        log_std = project_log_std(learner.parameters, LEARN).log_std
+        again = gaussian_log_prob(rollout.action[:, :, agent], mean, log_std)
         np.testing.assert_allclose(again, rollout.log_prob[:, :, agent], rtol=1e-6, atol=1e-6)
 
 

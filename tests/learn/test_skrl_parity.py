@@ -70,7 +70,9 @@ def update(learner: Learner, rollout: dict[str, jax.Array]) -> tuple[Learner, Ba
     last = forward(learner.parameters.value, rollout.pop("last_observation"))[..., 0]
     last = denormalize(learner.value_scaler, last)
     following = jnp.concatenate([rollout["value"][1:], last[None]])
-    learner, batch = prepare_batch(LEARN, learner, next_value=following, **rollout)
+    ones = jnp.ones_like(following)
+    weights = {"weight": ones, "value_weight": ones}
+    learner, batch = prepare_batch(LEARN, learner, next_value=following, **rollout, **weights)
     learner, metrics = optimize(LEARN, learner, batch, jax.random.key(0))
     return learner, batch, metrics
 

@@ -21,10 +21,17 @@ from dronecombat_jax.types import Cause
 METHODS = ("ippo", "s-ippo")
 
 
-def finals(gap: float, seeds: int = 6, spread: float = 0.15, episodes: int = 200, methods: tuple[str, ...] = METHODS):
-    """Final policies only; the last method's defenders are `gap` better, in log-odds."""
+def finals(
+    gap: float,
+    seeds: int = 6,
+    spread: float = 0.15,
+    episodes: int = 200,
+    methods: tuple[str, ...] = METHODS,
+    pilots: int = 0,
+):
+    """Final policies and pilots; the last method's defenders are `gap` better, in log-odds."""
     rng = np.random.default_rng(1)
-    sides = entrants("d", seeds, 1, methods), entrants("a", seeds, 1, methods)
+    sides = entrants("d", seeds, 1, methods), entrants("a", seeds, 1, methods, pilots)
     lift = np.asarray([rng.normal(gap * (one.method == methods[-1]), spread) for one in sides[0]])
     return from_rates(
         expit(lift[:, None] + np.zeros(len(sides[1]))), episodes, 0, defenders=sides[0], attackers=sides[1]
@@ -36,6 +43,27 @@ def test_a_clear_difference_is_a_yes_with_the_winner_first():
     assert answer.sentence.startswith("YES: s-ippo's final defender beats ippo's.")
     assert "6 v 6 training seeds" in answer.sentence and "exact permutation p = 0.0022" in answer.sentence
     assert answer.means[1] > answer.means[0]
+
+
+def test_unequal_attackers_do_not_make_equal_defenders_differ():
+    """0.6 against one method's attackers, 0.3 against the other's: YES by plain means."""
+    sides = entrants("d", 8, 1, METHODS), entrants("a", 8, 1, METHODS)
+    share = np.broadcast_to(np.repeat([0.6, 0.3], 8)[:, None], (16, 16, 1))
+    won = np.arange(50) < 50 * share - 1e-9
+    cause = np.where(won, Cause.INTERCEPT, Cause.REACHED).astype(np.int8)
+    verdict = judge(build(cause, *sides))
+    (answer,) = verdict.answers
+    assert answer.sentence.startswith("NO DIFFERENCE OF 25 ELO") and answer.means == (0.45, 0.45)
+    assert answer.numbers.p_value == 1 and all(one.p_value == 1 for one in answer.secondary)
+    text = verdict_text(verdict)
+    assert "adjusted score        ippo 0.450   s-ippo 0.450" in text
+    assert "plain mean            -0.020 [-0.020, -0.020] for information" in text
+    told = verdict_json(verdict)
+    assert told["comparisons"][0]["mean_adjusted_score"] == {"ippo": 0.45, "s-ippo": 0.45}
+    assert {(seed["adjusted_score"], round(seed["plain_score"], 9)) for seed in told["seeds"]} == {
+        (0.45, 0.44),
+        (0.45, 0.46),
+    }
 
 
 def test_equality_must_be_shown_and_is_not_the_same_as_no_difference():
@@ -67,14 +95,17 @@ def test_secondary_questions_are_asked_where_the_tournament_can_answer():
     (few,) = judge(finals(0.5)).answers
     assert {one.measure for one in few.secondary} >= {"spread of the score over seeds"}
     (more,) = judge(planted(3, 4, 4)).answers
-    assert [one.measure for one in more.secondary][:2] == ["backward transfer", "worst case against the own past"]
+    assert [one.measure for one in more.secondary][:2] == [
+        "backward transfer",
+        "worst case against the own past, adjusted",
+    ]
     assert all(one.adjusted_p >= one.p_value for one in more.secondary)
 
 
 def test_the_data_are_plain_json():
-    told = json.loads(to_json(verdict_json(judge(finals(1.0, seeds=1)))))
+    told = json.loads(to_json(verdict_json(judge(finals(1.0, seeds=1, pilots=1)))))
     (one,) = told["comparisons"]
-    assert one["score"]["low"] is None and one["p_value"] == 1.0 and one["seeds"] == [1, 1]
+    assert one["adjusted_score"]["low"] is None and one["p_value"] == 1.0 and one["seeds"] == [1, 1]
     assert [seed["run"] for seed in told["seeds"]] == ["ippo#0", "s-ippo#0"]
 
 
@@ -89,6 +120,8 @@ def test_what_cannot_be_compared_is_refused_in_one_line():
     )
     with pytest.raises(UserError, match="nothing to compare"):
         judge(unplayed)
+    with pytest.raises(UserError, match="no attacker met the final defenders of two runs"):
+        judge(finals(1.0, seeds=1))  # each has met the other's attacker alone, weak or not
     own = select(finals(0.0, seeds=1), np.asarray([0, 1]), np.asarray([0]))  # the first meets its own attacker only
     with pytest.raises(UserError, match="nothing to compare"):
         judge(own)

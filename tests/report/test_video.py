@@ -1,5 +1,6 @@
 """The picture and the video of a fight. Rendering is skipped, with the reason, where EGL is missing."""
 
+import io
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ from dronecombat_jax import rendering
 from dronecombat_jax.config import SimConfig
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
 from dronecombat_jax.report import video
+from dronecombat_jax.report.animation import encode_gif, encode_webp
 from dronecombat_jax.report.stage import Stage
 from dronecombat_jax.report.video import finite_part, interpolate, playback_speed, render_fight
 from dronecombat_jax.sim.scene import Scene, load_scene
@@ -68,6 +70,29 @@ def test_fight_gives_a_picture_and_a_film_that_play(scene: Scene, tmp_path: Path
         assert (stream.width, stream.height, stream.average_rate) == (320, 180, 25)
     assert frames == 6 + 5  # 0.2 s at 25 per second, both ends; 0.2 s held
     assert {file.name for file in tmp_path.iterdir()} == {"figures", "fight.mp4"}
+
+
+@pytest.mark.usefixtures("opengl", "small")
+@pytest.mark.parametrize("suffix", [".gif", ".webp"])
+def test_the_same_film_as_a_moving_picture(suffix: str, scene: Scene, tmp_path: Path):
+    render_fight(fly(scene), scene, None, tmp_path / f"fight{suffix}")
+    with Image.open(tmp_path / f"fight{suffix}") as image:
+        assert image.size == (320, 180) and image.info["loop"] == 0  # for ever
+        assert np.asarray(image.convert("RGB")).std() > 15
+
+
+@pytest.mark.parametrize("encode", [encode_gif, encode_webp])
+def test_every_second_frame_of_a_moving_picture_is_shown_twice_as_long(encode):
+    """Ten frames at 25 a second, each another grey: five are left, of 80 ms."""
+    frames = [np.full((20, 32, 3), 20 * index, np.uint8) for index in range(10)]
+    with Image.open(io.BytesIO(encode(iter(frames), rate=25))) as image:
+        shown, lasts = [], []
+        for index in range(getattr(image, "n_frames", 1)):
+            image.seek(index)
+            image.load()
+            shown.append(int(np.asarray(image.convert("RGB")).mean()))
+            lasts.append(image.info["duration"])
+    assert shown == pytest.approx([0, 40, 80, 120, 160], abs=3) and lasts == [80] * 5
 
 
 @pytest.mark.usefixtures("opengl", "small")

@@ -12,6 +12,7 @@ import jax
 import ml_dtypes
 import numpy as np
 import pytest
+from saved_runs import newest
 
 import dronecombat_jax.runs
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, EXIT_DIVERGED, UserError
@@ -70,7 +71,7 @@ def test_the_newest_is_the_highest_step_whatever_the_clock_says(tmp_path: Path):
     os.utime(tmp_path / "2", (4e9, 4e9))
     os.utime(tmp_path / "10", (0, 0))
     assert checkpoint.steps(tmp_path) == [2, 9, 10]
-    assert checkpoint.latest(tmp_path) == 10
+    assert newest(tmp_path) == 10
     assert checkpoint.latest(tmp_path / "absent") is None
 
 
@@ -87,7 +88,7 @@ def test_a_step_that_is_there(tmp_path: Path):
 def test_a_damaged_step_is_set_aside_and_written_anew(tmp_path: Path):
     (tmp_path / "1").mkdir()
     checkpoint.save(tmp_path, 1, make_state(), {})
-    assert checkpoint.latest(tmp_path) == 1
+    assert newest(tmp_path) == 1
     assert sum(path.name.startswith("damaged-1-") for path in tmp_path.iterdir()) == 1
 
 
@@ -178,9 +179,9 @@ def test_a_full_disk_keeps_the_old_and_leaves_nothing(tmp_path: Path):
     assert caught.value.exit_code == EXIT_CANNOT_WRITE
     assert caught.value.message.startswith(f"cannot write {tmp_path / '2'}: File too large; 400,000 bytes needed, ")
     assert [path.name for path in tmp_path.iterdir()] == ["1"]
-    assert checkpoint.latest(tmp_path) == 1
+    assert newest(tmp_path) == 1
     checkpoint.save(tmp_path, 2, {"a": noise + 1}, {})  # the retry at the next boundary
-    assert checkpoint.latest(tmp_path) == 2
+    assert newest(tmp_path) == 2
 
 
 def test_a_disk_that_fills_up_at_the_manifest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

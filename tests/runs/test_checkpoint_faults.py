@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from saved_runs import newest
 
 from dronecombat_jax.runs import checkpoint
 from dronecombat_jax.runs.atomic import sweep
 from dronecombat_jax.runs.checkpoint import CheckpointError
-from dronecombat_jax.runs.manifest import NewerCheckpoint
+from dronecombat_jax.runs.manifest import SCHEMA, NewerCheckpoint
 
 # Forks children that have imported everything, so that a kill costs the saves and not the imports.
 KILLER = """
@@ -149,7 +150,7 @@ def test_every_file_missing_and_a_foreign_one_added(golden: Path):
             checkpoint.restore(golden, 5, small_state())
         path.write_bytes(content)
     (golden / "5" / ".nfs0001").write_text("left by the file system")
-    assert checkpoint.latest(golden) == 5
+    assert newest(golden) == 5
     equal_or_error(golden)
 
 
@@ -221,9 +222,9 @@ def test_a_decoy_with_the_highest_step(golden: Path, tmp_path: Path, caplog: pyt
     with pytest.raises(CheckpointError):
         checkpoint.restore(directory, 99, small_state())
     with caplog.at_level(logging.WARNING):
-        assert checkpoint.latest(directory, set_aside=False) == 5
+        assert newest(directory, set_aside=False) == 5
         assert os.path.lexists(directory / "99") and "checkpoint 99 skipped" in caplog.text
-        assert checkpoint.latest(directory) == 5
+        assert newest(directory) == 5
     assert not os.path.lexists(directory / "99") and "renamed to damaged-99-" in caplog.text
     assert sum(path.name.startswith("damaged-99-") for path in directory.iterdir()) == 1
     equal_or_error(directory)
@@ -234,7 +235,7 @@ def test_names_that_are_no_step_are_left_alone(golden: Path, tmp_path: Path, nam
     directory = tmp_path / "checkpoints"
     shutil.copytree(golden, directory)
     (directory / name).mkdir()
-    assert checkpoint.latest(directory) == 5 and (directory / name).is_dir()
+    assert newest(directory) == 5 and (directory / name).is_dir()
 
 
 def rewrite_manifest(directory: Path, **changes: object):
@@ -249,7 +250,7 @@ def rewrite_manifest(directory: Path, **changes: object):
 def test_a_newer_format_says_upgrade_and_is_not_set_aside(golden: Path, tmp_path: Path):
     directory = tmp_path / "checkpoints"
     shutil.copytree(golden, directory)
-    rewrite_manifest(directory, schema=2)
+    rewrite_manifest(directory, schema=SCHEMA + 1)
     for attempt in (checkpoint.latest, lambda where: checkpoint.save(where, 5, small_state(), {})):
         with pytest.raises(NewerCheckpoint, match="upgrade dronecombat-jax"):
             attempt(directory)

@@ -70,14 +70,25 @@ def test_who_was_met_and_how_the_live_player_fares():
     state = selfplay(1, [1, 1, 1, 1])
     live = met(CONFIG, state, 0, chunk=2)
     assert (live["frozen"], live["opponent"], live["opponents"]) == (None, None, 0)
-    assert live["win_rate/attacker"] == [0.6667, 0.5] and "win_rate/defender" not in live
+    assert live["members/attacker"] == [0] and live["win_rate/attacker"] == [0.6667]
+    assert "win_rate/defender" not in live
     past = met(CONFIG, state, 1, chunk=2)
     assert (past["frozen"], past["opponent"], past["opponents"]) == ("attacker", 1, 1)
+    assert past["members/attacker"] == [0, 1]
     assert past["win_rate/attacker"] == [0.1, 0.75] and past["games/attacker"] == [8.0, 2.0]
     everywhere = replace(CONFIG, selfplay=replace(CONFIG.selfplay, scope="environment"))
     mixed = met(everywhere, selfplay(1, [0, 2, 2, 1]), 1, chunk=3)
-    assert (mixed["opponent"], mixed["opponents"], len(mixed["win_rate/attacker"])) == (1.25, 3, 3)
+    assert (mixed["opponent"], mixed["opponents"], len(mixed["win_rate/attacker"])) == (1.25, 3, 2)
     assert met(CONFIG, None, 0, chunk=1) == {"frozen": None, "opponent": None, "opponents": 0}
+
+
+def test_the_record_of_a_large_pool_stays_small():
+    """Of 1000 members the 64 with the most games: slots 900 to 963 of these."""
+    games = np.ones((1, 1000), np.float32)
+    games[0, 900:964] = 5.0
+    pool = SimpleNamespace(wins=games * 0.5, games=games)
+    state = SimpleNamespace(frozen=np.array([-1]), opponent=np.full((1, 4), -1), pools=(None, pool))
+    assert met(CONFIG, state, 0, chunk=1000)["members/attacker"] == list(range(900, 964))
 
 
 def test_chunks_are_written_at_their_ends_and_begin_anew(tmp_path: Path):

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drones import write
 from policies import make_info, make_policy
 from saved_runs import TOY, damage, write_run
 
 from dronecombat_jax.arena.result import SCRIPTED
 from dronecombat_jax.combat.fingerprint import environment
-from dronecombat_jax.config import Config
+from dronecombat_jax.config import Config, SimConfig
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.runs.contenders import EXPORTED, find
 from dronecombat_jax.runs.entrants import read_field
@@ -88,7 +89,7 @@ def test_the_policies_are_those_of_the_checkpoint(home: Path):
     for mine, theirs in zip(flown.network.weights, saved.network.weights, strict=True):
         np.testing.assert_array_equal(mine, theirs)
     np.testing.assert_array_equal(flown.observation_scaler.mean, saved.observation_scaler.mean)
-    np.testing.assert_array_equal(flown.log_std, np.clip(saved.log_std, TOY.learn.min_log_std, TOY.learn.max_log_std))
+    np.testing.assert_array_equal(flown.log_std, saved.log_std)
 
 
 def test_the_same_content_is_flown_once_with_a_notice(home: Path, tmp_path: Path):
@@ -168,6 +169,35 @@ def test_a_policy_file_brings_its_own_game_and_side(tmp_path: Path):
     assert environment(field.config) == environment(game) and len(field.seats[ATTACKER]) == 4
     assert refusal([file]).message.startswith("no defender takes part")
     assert "ends in .safetensors" in refusal([__file__, "scripted:all"]).message
+
+
+def test_runs_of_an_edited_scene_do_not_meet_those_of_the_scene_before(home: Path, tmp_path: Path):
+    met = environment(TOY) | {"scene.defender.mass": 1.325, "scene.attacker.mass": 1.325}
+    other = write_run(tmp_path / "heavy", chunks=2, seed=5, met=met)
+    error = refusal([home / "ten", other])
+    assert error.exit_code == EXIT_DATA and "heavy 1, heavy 2 trained in another game" in error.message
+    assert "scene.attacker.mass is 1.325 there, the package's own here" in error.message
+    # The game is that of those for whom it can be flown.
+    assert refusal([other, home / "ten"]).message == error.message
+
+
+def test_a_policy_of_an_own_drone_flies_where_its_mjcf_is_named(tmp_path: Path):
+    """By a run of that drone, in any place, or by its file; else it is said what differs."""
+    own = replace(TOY, sim=SimConfig(mjcf=str(write(tmp_path))))
+    run = write_run(tmp_path / "own", own, chunks=1)
+    file = tmp_path / "mine.safetensors"
+    save_policy(file, make_policy(), make_info(own))
+    for words in ([file, run], [run, file], [file, "scripted:all", run]):
+        field = read_field([str(word) for word in words])
+        assert field.config.sim == own.sim and field.notices == ()
+    error = refusal([file, "scripted:all"])
+    assert "scene.attacker.inertia is [2.3951e-05, 2.3951e-05, 3.2347e-05] there" in error.message
+    assert "tournament --mjcf FILE names the MJCF that they were trained with" in error.message
+    moved = write(tmp_path, name="moved.xml")
+    (tmp_path / "drone.xml").unlink()
+    for words in ([file, "scripted:all"], [run]):
+        assert read_field([str(word) for word in words], mjcf=str(moved)).config.sim.mjcf == str(moved)
+    assert refusal([run]).message.startswith(f"sim.mjcf: {tmp_path / 'drone.xml'}: no such file")
 
 
 def test_in_solo_there_is_no_fight(tmp_path: Path):

@@ -10,10 +10,17 @@ from scipy import stats
 
 from dronecombat_jax import cli, settings
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import Config, GameConfig, LearnConfig, SimConfig, TrainConfig
+from dronecombat_jax.config import (
+    Config,
+    GameConfig,
+    LearnConfig,
+    RunConfig,
+    SimConfig,
+    TrainConfig,
+)
 from dronecombat_jax.errors import EXIT_DATA, UserError
-from dronecombat_jax.runs import checkpoint
-from dronecombat_jax.runs.evaluation import Match, _wilson, load_run, play, summary
+from dronecombat_jax.runs import checkpoint, evaluation
+from dronecombat_jax.runs.evaluation import Match, _wilson, file_name, load_run, play, summary
 from dronecombat_jax.selfplay.chunk import init_state
 from dronecombat_jax.types import Cause, FightResult
 
@@ -22,6 +29,7 @@ CONFIG = Config(
     game=GameConfig(episode_steps=25),
     learn=LearnConfig(hidden_sizes=(8, 8), rollout_steps=6, minibatches=2),
     train=TrainConfig(num_envs=8, chunk_iterations=2, seed=5, total_steps=96),
+    run=RunConfig(evaluation_fights=6),
 )
 
 
@@ -78,8 +86,9 @@ def run(tmp_path_factory) -> SimpleNamespace:
 def test_the_command_writes_what_it_counted(run, capsys):
     assert cli.main(["evaluate", str(run.path), "--fights", "12", "--seed", "3"]) == 0
     printed = capsys.readouterr().out
-    (row,) = json.loads((run.path / "evaluation.json").read_bytes())
+    (row,) = json.loads((run.path / "evaluation-fights12-seed3.json").read_bytes())
     assert (row["seed"], row["steps"], row["fights"], row["stochastic"]) == (5, 0, 12, False)
+    assert row["start_seed"] == 3
     for group in ("win", "cause"):
         assert sum(share for share, _, _ in row[group].values()) == pytest.approx(1.0)
     assert 0.01 <= row["seconds"]["p5"] <= row["seconds"]["p95"] <= 25 * 0.01 + 1e-9
@@ -107,12 +116,54 @@ def test_a_checkpoint_that_is_not_there(run, tmp_path, capsys):
 
 
 def test_a_scripted_pilot_takes_one_place(run, capsys):
-    before = (run.path / "evaluation.json").read_bytes() if (run.path / "evaluation.json").exists() else None
     flags = ["--fights", "8", "--attacker", "dash", "--spawn", "uniform"]
     assert cli.main(["evaluate", str(run.path), *flags]) == 0
     assert "8 fights, mean actions, attacker is the scripted dash, uniform starts" in capsys.readouterr().out
-    after = (run.path / "evaluation.json").read_bytes() if (run.path / "evaluation.json").exists() else None
-    assert after == before  # that file tells of the run's own two
+    assert not (run.path / "evaluation.json").exists()  # that file tells of the run's own two
+    beside = run.path / "evaluation-fights8-attacker_dash-spawn_uniform.json"
+    (row,) = json.loads(beside.read_bytes())
+    assert (row["attacker"], row["spawn"], row["fights"]) == ("dash", "uniform", 8)
+
+
+OTHERS = {  # flags: the file that they are written to
+    "--chunk 0": "evaluation-chunk0.json",
+    "--stochastic": "evaluation-stochastic.json",
+    "--fights 10": "evaluation-fights10.json",
+    "--seed 1": "evaluation-seed1.json",
+    "--spawn uniform": "evaluation-spawn_uniform.json",
+    "--defender hover": "evaluation-defender_hover.json",
+    "--attacker dash": "evaluation-attacker_dash.json",
+    "--stochastic --chunk 0": "evaluation-chunk0-stochastic.json",
+}
+
+
+def test_only_the_runs_own_evaluation_has_its_name(run, monkeypatch, capsys):
+    """Other options are written beside it and never over it."""
+    fly = lambda saved, index, match: FightResult(
+        np.full(match.fights, Cause.TIMEOUT),
+        np.full(match.fights, 25),
+        np.zeros((match.fights, 2), bool),
+    )
+    monkeypatch.setattr(evaluation, "play", fly)
+    own = run.path / "evaluation.json"
+    assert cli.main(["evaluate", str(run.path)]) == 0
+    before = own.read_bytes()
+    assert json.loads(before)[0]["fights"] == 6  # run.evaluation_fights
+    for flags, name in OTHERS.items():
+        (run.path / name).unlink(missing_ok=True)
+        assert cli.main(["evaluate", str(run.path), *flags.split()]) == 0
+        assert f"written to {run.path / name}" in capsys.readouterr().out
+        assert (run.path / name).is_file() and own.read_bytes() == before
+    assert cli.main(["evaluate", str(run.path), "--fights", "6"]) == 0
+    assert own.read_bytes() == before and not (run.path / "evaluation-fights6.json").exists()
+    own.unlink()
+
+
+def test_a_name_tells_all_that_is_not_the_runs_own():
+    everything = Match(10, 7, True, "hover_guard", "high_dive", "fixed")
+    told = "chunk3-stochastic-fights10-seed7-defender_hover_guard-attacker_high_dive-spawn_fixed"
+    assert file_name(everything, 3, 256) == f"evaluation-{told}.json"
+    assert file_name(Match(10), None, 10) == "evaluation.json"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import hashlib
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import jax
@@ -10,24 +11,30 @@ import pytest
 from policies import observations
 
 from dronecombat_jax import cli, settings
+from dronecombat_jax.arena.match import policy_pilot
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.fingerprint import environment_digest
+from dronecombat_jax.combat.fingerprint import environment, environment_digest
 from dronecombat_jax.config import Config, GameConfig, LearnConfig, TrainConfig
-from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_DATA
+from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.learn.rollout import policy_mean, policy_of
 from dronecombat_jax.runs import checkpoint
+from dronecombat_jax.runs.contenders import find, identity_of
+from dronecombat_jax.runs.evaluation import load_run, policies
 from dronecombat_jax.runs.numpy_policy import NumpyPolicy
 from dronecombat_jax.runs.policy import load_policy, require_environment
+from dronecombat_jax.runs.provenance import describe
 from dronecombat_jax.selfplay.chunk import init_state
+from dronecombat_jax.types import Policy
 
+KEY = jax.random.key(0)
 CONFIG = Config(
     learn=LearnConfig(hidden_sizes=(8, 6), rollout_steps=6, minibatches=2),
     train=TrainConfig(num_envs=8, chunk_iterations=2, seed=5, num_seeds=2, total_steps=192),
 )
 
 
-def begun(path, config: Config, steps: tuple[int, ...]) -> SimpleNamespace:
-    """A run whose checkpoints hold random numbers."""
+def begun(path, config: Config, steps: tuple[int, ...], log_std=None, meta=None) -> SimpleNamespace:
+    """A run whose checkpoints hold random numbers, and `log_std` [4] where it is given."""
     (path / "checkpoints").mkdir(parents=True)
     (path / "config.toml").write_text(settings.to_toml(config))
     shapes = jax.eval_shape(lambda: init_state(Combat(config)))
@@ -35,7 +42,9 @@ def begun(path, config: Config, steps: tuple[int, ...]) -> SimpleNamespace:
     for step in steps:
         rng = np.random.default_rng(step)
         states[step] = jax.tree.map(lambda leaf: (rng.random(leaf.shape) / 2).astype(leaf.dtype), shapes)  # noqa: B023
-        checkpoint.save(path / "checkpoints", step, states[step], {})
+        if log_std is not None:
+            states[step].learners.parameters.log_std[:] = log_std
+        checkpoint.save(path / "checkpoints", step, states[step], meta or {})
     return SimpleNamespace(path=path, states=states)
 
 
@@ -76,6 +85,56 @@ def test_the_file_holds_the_policy_that_was_asked_for(run, here, capsys, role, a
     seen = observations(policy, 3.0)
     ours = np.asarray(policy_mean(CONFIG.learn, wanted, seen))
     assert NumpyPolicy("out.safetensors")(seen) == pytest.approx(ours, rel=1e-5, abs=1e-5)
+
+
+BOUNDS = {  # of a run, its parameter, and what it draws with
+    "below": ((-1.0, 2.0), [-1.0127, -1.0127, -0.9758, -1.0127], [-1.0, -1.0, -0.9758, -1.0]),
+    "above": ((-20.0, 0.5), [0.6, 0.5, 0.4, -3.0], [0.5, 0.5, 0.4, -3.0]),
+    "wider than the default": ((-20.0, 10.0), [5.0, 2.5, 0.0, -20.0], [5.0, 2.5, 0.0, -20.0]),
+}
+
+
+@pytest.mark.parametrize("case", BOUNDS)
+def test_file_and_run_draw_with_the_log_std_that_was_flown(here, case):
+    """Also for a parameter outside of its bounds, as older checkpoints may hold."""
+    (low, high), parameter, flown = BOUNDS[case]
+    config = replace(CONFIG, learn=replace(CONFIG.learn, min_log_std=low, max_log_std=high))
+    run = begun(here / "run", config, (0, 2), log_std=parameter)
+    assert export(run, "--role", "defender", "--seed", "6", "out.safetensors") == 0
+    policy, _ = load_policy(here / "out.safetensors")
+    np.testing.assert_array_equal(policy.log_std, np.float32(flown))
+    np.testing.assert_array_equal(policies(load_run(run.path), 1)[0].log_std, np.float32(flown))
+    of_run = find(str(run.path)).contenders[2]
+    of_file = find("out.safetensors").contenders[0]
+    assert (of_run.role, of_run.entrant.seed) == (of_file.role, of_file.entrant.seed) == (0, 6)
+    assert of_run.entrant.identity == of_file.entrant.identity
+    for contender in (of_run, of_file):
+        assert contender.player and isinstance(contender.player.pilot, Policy)
+        np.testing.assert_array_equal(contender.player.pilot.log_std, np.float32(flown))
+    seen = np.zeros((1, 2, 35), np.float32)
+    drawn = [policy_pilot(config.learn, policy, 0, draw)(None, seen, KEY) for draw in (False, True)]
+    noise = jax.random.normal(KEY, (1, 4))
+    np.testing.assert_allclose(drawn[1] - drawn[0], np.exp(np.float32(flown)) * noise, rtol=1e-4, atol=1e-6)
+
+
+def test_within_its_bounds_a_player_keeps_its_identity(run):
+    """Older tournaments go on: the digest is that of the parameters as they are saved."""
+    saved = policy_of(jax.tree.map(lambda leaf: leaf[1, 1], run.states[2].learners))
+    assert find(str(run.path)).contenders[3].entrant.identity == identity_of(saved, True)
+
+
+def test_the_file_knows_the_game_that_was_flown_and_not_the_one_that_is_here(here, capsys):
+    """The run was trained in another scene, or its MJCF has been edited since."""
+    met = environment(CONFIG) | {"scene.defender.mass": 1.325}
+    run = begun(here / "run", CONFIG, (0,), meta=describe(CONFIG, 0, met))
+    assert export(run, "--seed", "5", "out.safetensors") == 0
+    _, info = load_policy(here / "out.safetensors")
+    assert info.environment == met and info.environment_sha256 != environment_digest(CONFIG)
+    with pytest.raises(UserError, match=r"scene.defender.mass is 1.325 there, the package's own here"):
+        require_environment(info, CONFIG)
+    capsys.readouterr()
+    assert cli.main(["evaluate", str(run.path), "--fights", "1", "--device", "cpu"]) == 0
+    assert "note: trained in another environment than the one here: scene.defender.mass" in capsys.readouterr().out
 
 
 def test_the_newest_is_the_default_and_the_bytes_are_the_same_every_time(run, here):

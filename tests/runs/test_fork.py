@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
+from drones import write
 from toy import CHUNK, CONFIG, Coasting, assert_same_bits
 
 from dronecombat_jax.config import Config, SelfPlayConfig
@@ -14,6 +15,7 @@ from dronecombat_jax.runs import checkpoint, fork
 from dronecombat_jax.runs.provenance import describe
 from dronecombat_jax.runs.resume import Start
 from dronecombat_jax.runs.rundir import RunDirectory
+from dronecombat_jax.schema import shown
 from dronecombat_jax.selfplay.chunk import init_state
 from dronecombat_jax.types import TrainState
 
@@ -49,6 +51,13 @@ def test_a_fork_without_a_change_is_a_copy_of_the_newest_or_of_a_chunk(parent):
     assert_same_bits(state, parent.newest)
     start, state = forked(parent, parent.config, chunk=1)
     assert start.iteration == CHUNK and int(state.iteration[0]) == CHUNK
+
+
+def test_another_drone_is_a_change_that_is_listed(parent, tmp_path):
+    file = str(write(tmp_path))
+    start, state = forked(parent, change(parent.config, "sim.mjcf", file))
+    assert start.changed == (f'sim.mjcf was "", now {shown(file)}',)
+    assert not np.any(state.env.qvel)  # all fights begin anew
 
 
 def test_what_changes_is_listed_and_the_rest_of_the_state_is_kept(parent):
@@ -113,8 +122,9 @@ def test_what_iterations_are_is_not_changed(parent, key, value):
 def test_a_run_that_is_there_is_gone_on_with_only_if_it_is_a_fork_of_this_one(parent, tmp_path):
     start = fork.fork_start(parent.run, None, parent.config)
     here = RunDirectory(tmp_path / "child")
-    fork.check_origin(here, start._replace(meta={"forked": fork.origin(parent.run, start)}), parent.run)
+    with_meta = lambda meta: start._replace(manifest=start.manifest._replace(meta=meta))
+    fork.check_origin(here, with_meta({"forked": fork.origin(parent.run, start)}), parent.run)
     for meta in ({}, {"forked": {"run": "another", "iteration": 4}}):
         with pytest.raises(UserError, match=r"is no fork of .*parent: choose another name") as caught:
-            fork.check_origin(here, start._replace(meta=meta), parent.run)
+            fork.check_origin(here, with_meta(meta), parent.run)
         assert caught.value.exit_code == EXIT_CONFIG

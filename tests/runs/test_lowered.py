@@ -10,6 +10,7 @@ from types import ModuleType, SimpleNamespace
 import jax
 import pytest
 import toy
+from drones import write
 from meshes import never
 
 from dronecombat_jax import __main__, cli
@@ -168,10 +169,21 @@ def test_a_program_whose_code_was_edited_while_it_was_traced_is_not_kept(kept, s
 
 def test_it_depends_on_the_package_the_scene_and_the_libraries():
     assert callable(Combat(CONFIG)._fly)  # as tracing a flight does: it loads MJX
-    files = {Path(file).name for file in lowered._files()}
-    assert {"ippo.py", "chunk.py", "flight.py", "lowered.py", "combat.xml"} <= files
+    files = {Path(file).name for file in lowered._files(CONFIG)}
+    assert {"ippo.py", "chunk.py", "flight.py", "lowered.py", "combat.xml", "crazyflie.xml"} <= files
     for library in ("jax", "mujoco/mjx", "flax", "optax"):
-        assert any(f"/{library}/__init__.py" in file for file in lowered._files())
+        assert any(f"/{library}/__init__.py" in file for file in lowered._files(CONFIG))
+
+
+def test_it_depends_on_every_file_of_an_own_drone(tmp_path):
+    """A mesh that is edited may be another inertia."""
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "hull.stl").write_bytes(b"")
+    named = '<compiler meshdir="meshes"/><asset><mesh file="hull.stl"/></asset>'
+    main = write(tmp_path, '<mujoco><include file="parts.xml"/></mujoco>')
+    write(tmp_path, f"<mujoco>{named}</mujoco>", name="parts.xml")
+    config = replace(CONFIG, sim=replace(CONFIG.sim, mjcf=str(main)))
+    assert {"drone.xml", "parts.xml", "hull.stl"} <= {Path(file).name for file in lowered._files(config)}
 
 
 @pytest.mark.parametrize("damage", ("empty", "cut", "bit", "text", "list", "folder"))

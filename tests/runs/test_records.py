@@ -36,7 +36,19 @@ def make_report(**counts: int) -> IterationMetrics:
         name: np.full((SEEDS, ITERATIONS, 2), [i, i + 0.5], np.float32) for i, name in enumerate(UpdateMetrics._fields)
     }
     frozen, opponent = np.full((SEEDS, ITERATIONS), -1), np.full((SEEDS, ITERATIONS), -1.0, np.float32)
-    return IterationMetrics(causes, crashes, steps, RewardTerms(**terms), UpdateMetrics(**learners), frozen, opponent)  # pyright: ignore
+    returns = np.zeros((SEEDS, ITERATIONS, 2), np.float32)
+    returns[1, 2] = 500.0, -250.0
+    return IterationMetrics(  # pyright: ignore
+        causes=causes,
+        crashes=crashes,
+        episode_steps=steps,
+        returns=returns,
+        diverged=causes[..., Cause.DIVERGED],
+        reward_terms=RewardTerms(**terms),
+        learners=UpdateMetrics(**learners),
+        frozen=frozen,
+        opponent=opponent,
+    )
 
 
 REPORT = make_report(intercept=6, reached=4, defender_crash=3, attacker_crash=2, both_crash=1, timeout=3, diverged=1)
@@ -81,7 +93,7 @@ def test_a_time_out_can_count_for_the_defender():
 def test_rewards_returns_and_learners_by_role():
     row = records(CONFIG, REPORT, 3)[-1]
     assert [row[f"reward/attacker/{name}"] for name in RewardTerms._fields] == [-1.0 * i for i in range(7)]
-    assert row["return/defender"] == pytest.approx(0.5 * 21 * 30) and row["return/attacker"] == pytest.approx(-21 * 30)
+    assert (row["return/defender"], row["return/attacker"]) == (500.0 / 20, -250.0 / 20)
     for i, name in enumerate(UpdateMetrics._fields):
         assert (row[f"{name}/defender"], row[f"{name}/attacker"]) == (i, i + 0.5)
 

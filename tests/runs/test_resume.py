@@ -3,26 +3,34 @@
 The programs are the toy's; what a user's process does is in `test_training` and `test_kills`.
 """
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import jax
 import numpy as np
 import pytest
+from drones import SMALL, write
 from toy import CHUNK, CONFIG, Coasting, assert_same_bits, build
 
 from dronecombat_jax import settings
-from dronecombat_jax.config import Config, SelfPlayConfig
+from dronecombat_jax.combat.fingerprint import digest_of, environment
+from dronecombat_jax.config import Config, SelfPlayConfig, SimConfig
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.runs import checkpoint, provenance
 from dronecombat_jax.runs.evaluation import load_run
-from dronecombat_jax.runs.manifest import CheckpointError, state_digest
+from dronecombat_jax.runs.manifest import CheckpointError, Manifest, state_digest
+from dronecombat_jax.runs.past_players import Players, emptied, filled_slots
 from dronecombat_jax.runs.provenance import check_meta, describe
 from dronecombat_jax.runs.resume import Start, find_start, read_start, restored_state
 from dronecombat_jax.runs.rundir import RunDirectory
+from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.runs.state import flatten, match_template
 from dronecombat_jax.selfplay.chunk import init_state
+from dronecombat_jax.sim import source
+from dronecombat_jax.sim.scene import load_scene
 from dronecombat_jax.types import TrainState
 
 HALF, WHOLE = 3 * CHUNK, 6 * CHUNK  # iterations
@@ -40,29 +48,42 @@ def run(request, tmp_path_factory) -> SimpleNamespace:
     config = METHODS[request.param]
     program = build(config, 1)
     directory = RunDirectory(tmp_path_factory.mktemp(request.param))
-    state = program.start
+    state, reports = program.start, []
     for iteration in range(WHOLE + 1):
         if iteration in (0, HALF, INSIDE):
             save(directory, config, state)
         if iteration < WHOLE:
-            state, _ = program.run(state)
+            state, report = program.run(state)
+            reports.append(digest(report))
     return SimpleNamespace(
-        name=request.param, config=config, program=program, directory=directory, digest=digest(state), last=state
+        name=request.param,
+        config=config,
+        program=program,
+        directory=directory,
+        digest=digest(state),
+        reports=reports,
+        last=state,
     )
 
 
 def save(directory: RunDirectory, config: Config, state: TrainState) -> None:
     iteration = int(state.iteration[0])
-    checkpoint.save(directory.checkpoints, iteration, jax.device_get(state), describe(config, iteration))
+    directory.checkpoints.mkdir(exist_ok=True)
+    filled = filled_slots(iteration, config.train.chunk_iterations)
+    apart, roster = Players(directory.checkpoints).store(jax.device_get(state), filled)
+    checkpoint.save(directory.checkpoints, iteration, apart, describe(config, iteration), players=roster)
 
 
-def digest(state: TrainState) -> str:
+def digest(state: Any) -> str:
     return state_digest(flatten(jax.device_get(state)))
 
 
-def fly_on(run: SimpleNamespace, state: TrainState) -> TrainState:
+def fly_on(run: SimpleNamespace, state: TrainState, reports: list[str] | None = None) -> TrainState:
+    """The state at the end; digests of what was reported are appended to `reports`."""
     for _ in range(WHOLE - int(state.iteration[0])):
-        state, _ = run.program.run(state)
+        state, report = run.program.run(state)
+        if reports is not None:
+            reports.append(digest(report))
     return state
 
 
@@ -80,8 +101,9 @@ def test_a_run_that_lost_any_leaf_of_its_state_is_another_run(run):
     unnoticed = []
     for i, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(state)):
         lost = np.zeros_like(leaf) if np.any(leaf) else np.ones_like(leaf)
-        after = fly_on(run, jax.tree.unflatten(structure, [*leaves[:i], lost, *leaves[i + 1 :]]))
-        if digest(after) == run.digest:
+        reports: list[str] = []
+        after = fly_on(run, jax.tree.unflatten(structure, [*leaves[:i], lost, *leaves[i + 1 :]]), reports)
+        if digest(after) == run.digest and reports == run.reports[INSIDE:]:
             unnoticed.append(jax.tree_util.keystr(path))
     assert unnoticed == [] and len(leaves) > 50
 
@@ -89,12 +111,15 @@ def test_a_run_that_lost_any_leaf_of_its_state_is_another_run(run):
 def test_a_checkpoint_without_any_one_of_its_leaves_is_refused_by_its_name(run, tmp_path):
     arrays, manifest = checkpoint.load(run.directory.checkpoints, INSIDE)
     template = jax.eval_shape(lambda: init_state(run.program.combat))
+    if manifest.players is not None:
+        template = template.replace(selfplay=emptied(template.selfplay))
     for gone in manifest.leaves:
         rest = tuple(leaf for leaf in manifest.leaves if leaf != gone)
         with pytest.raises(CheckpointError, match=f"{gone.path}: expected .*, got nothing"):
             match_template(template, rest, "a checkpoint", "")
-    checkpoint.save(tmp_path, INSIDE, {path: array for path, array in arrays.items() if path != "env/clock"}, {})
-    start = read_start(run.directory, INSIDE)._replace(checkpoints=tmp_path)
+    rest = {path: array for path, array in arrays.items() if path != "env/clock"}
+    checkpoint.save(tmp_path / "checkpoints", INSIDE, rest, describe(run.config, INSIDE), players=manifest.players)
+    start = read_start(RunDirectory(tmp_path), INSIDE)
     with pytest.raises(CheckpointError, match=r"env/clock: expected int32\[1,8\], got nothing"):
         restored_state(start, run.config, run.program.combat)
 
@@ -133,7 +158,7 @@ def test_a_reader_needs_nothing_but_the_checkpoint(run):
     newest = load_run(run.directory.path)
     assert newest.config == run.config and newest.iteration == INSIDE
     assert load_run(run.directory.path, chunk=3).iteration == HALF
-    assert_same_bits(load_run(run.directory.path, chunk=0).state, run.program.start)
+    assert_same_bits(load_run(run.directory.path, chunk=0).state.learners, run.program.start.learners)
     with pytest.raises(UserError, match="no checkpoint 8") as caught:
         load_run(run.directory.path, chunk=4)
     assert caught.value.exit_code == EXIT_DATA
@@ -149,6 +174,7 @@ EDITS = {
     "train.total_steps": 4000,
     "run.name": "another",
     "run.figures": False,
+    "sim.mjcf": "/moved/drone.xml",  # what it says is compared, not where it lies
 }
 
 
@@ -158,7 +184,7 @@ def test_what_may_change_of_a_run_and_what_needs_a_fork(tmp_path, key):
     checkpoint.save(directory.checkpoints, 4, {"a": np.ones(2)}, describe(CONFIG, 4))
     section, name = key.split(".")
     config = replace(CONFIG, **{section: replace(getattr(CONFIG, section), **{name: EDITS[key]})})
-    if key.startswith(("run.", "train.total_steps")):
+    if key.startswith(("run.", "train.total_steps", "sim.mjcf")):
         start = find_start(directory, config)
         assert start is not None and start.iteration == 4
         return
@@ -174,8 +200,11 @@ def test_what_may_change_of_a_run_and_what_needs_a_fork(tmp_path, key):
 @pytest.fixture
 def start(tmp_path: Path) -> Start:
     """A checkpoint that the toy's settings were saved with."""
-    meta = describe(CONFIG, 4)
-    return Start(tmp_path, 4, CONFIG, meta)
+    return Start(tmp_path, Manifest(4, "", (), (), describe(CONFIG, 4)), CONFIG)
+
+
+def with_meta(start: Start, meta: dict) -> Start:
+    return start._replace(manifest=start.manifest._replace(meta=meta))
 
 
 def test_the_meta_holds_settings_environment_and_versions(start):
@@ -183,13 +212,13 @@ def test_the_meta_holds_settings_environment_and_versions(start):
     assert start.meta["steps"] == 4 * CONFIG.steps_per_iteration and len(start.meta["environment_digest"]) == 64
     assert start.meta["jax"] == jax.__version__ and start.meta["random"]["generator"] == "threefry2x32"
     assert check_meta(start, CONFIG) == []
-    assert check_meta(start._replace(meta={}), CONFIG) == []  # an older one says nothing
+    assert check_meta(with_meta(start, {}), CONFIG) == []  # an older one says nothing
 
 
 def test_another_environment_under_the_same_settings_is_refused_with_what_differs(start):
     """As after an update that observes something else; other settings are a changed configuration."""
     then = start.meta["environment"] | {"observation_fields": [["p_d", 3]], "game.episode_steps": 21}
-    other = start._replace(meta=start.meta | {"environment": then})
+    other = with_meta(start, start.meta | {"environment": then})
     with pytest.raises(CheckpointError) as caught:
         check_meta(other, CONFIG)
     assert 'game.episode_steps is 21 there, 20 here; observation_fields is [["p_d", 3]] there' in caught.value.message
@@ -197,21 +226,64 @@ def test_another_environment_under_the_same_settings_is_refused_with_what_differ
     assert check_meta(other._replace(changed=("no setting",)), CONFIG) == []  # a fork may
 
 
+def test_an_edited_scene_is_refused_with_what_differs(start, tmp_path, monkeypatch):
+    """The package's MJCF, edited where it stands: the settings are the same, the physics is not."""
+    folder = shutil.copytree(source.find_mjcf_dir(), tmp_path / "mjcf")
+    file = folder / "combat.xml"
+    file.write_text(file.read_text().replace('mass="0.0282"', 'mass="1.325"'))
+    monkeypatch.setattr(source, "find_mjcf_dir", lambda: folder)
+    with pytest.raises(CheckpointError) as caught:
+        check_meta(start, CONFIG)
+    assert "scene.defender.mass is the package's own there, 1.325 here" in caught.value.message
+    assert "--fork NEW_NAME" in caught.value.message and "\n" not in caught.value.message
+    assert check_meta(start._replace(changed=("no setting",)), CONFIG) == []  # a fork may
+
+
+def test_an_own_drone_that_was_moved_goes_on_and_one_that_was_edited_does_not(tmp_path):
+    here = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path))))
+    start = Start(tmp_path, Manifest(4, "", (), (), describe(here, 4)), here)
+    moved = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path, name="moved.xml"))))
+    assert check_meta(start, moved) == []
+    edited = write(tmp_path, SMALL, ('density="1.225"', 'density="1"'), name="edited.xml")
+    with pytest.raises(CheckpointError, match=r"scene.density is 1.225 there, 1.0 here"):
+        check_meta(start, replace(CONFIG, sim=SimConfig(mjcf=str(edited))))
+    with pytest.raises(CheckpointError, match=r"scene.attacker.mass is 0.027 there, the package's own here"):
+        check_meta(start, CONFIG)
+    with pytest.raises(UserError, match=r"sim.mjcf: .*gone.xml: no such file .*drone.xml, edited.xml, moved.xml"):
+        check_meta(start, replace(CONFIG, sim=SimConfig(mjcf=str(tmp_path / "gone.xml"))))
+
+
+def test_a_scene_that_is_edited_or_lost_while_it_flies_is_saved_as_it_flies(tmp_path):
+    """A training flies the scene that it loaded; a lost file must not cost a checkpoint."""
+    config = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path))))
+    saver = Saver(RunDirectory(tmp_path), config, None, {})
+    saver.met = environment(config, load_scene(config.sim))
+    for edit in (("0.027", "0.05"), None):
+        (tmp_path / "drone.xml").unlink() if edit is None else write(tmp_path, SMALL, edit)
+        iteration = np.array([2 if edit else 4], np.int32)
+        saver.save_now(init_state(Coasting(CONFIG)).replace(iteration=iteration))
+    for iteration in (2, 4):
+        meta = read_start(RunDirectory(tmp_path), iteration).meta
+        assert meta["environment"]["scene.defender.mass"] == 0.027
+        assert meta["environment_digest"] == digest_of(meta["environment"])
+
+
 def test_other_random_numbers_are_refused_and_another_jax_is_told(start, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(provenance, "_random", lambda: {"generator": "rbg", "partitionable": True})
         with pytest.raises(CheckpointError, match=r"threefry2x32.*JAX is set to generator rbg"):
             check_meta(start, CONFIG)
-    older = start._replace(meta=start.meta | {"jax": "0.4.1"})
+    older = with_meta(start, start.meta | {"jax": "0.4.1"})
     assert check_meta(older, CONFIG) == [
         f"note: made with jax 0.4.1, goes on with {jax.__version__}: no longer the same bits"
     ]
 
 
-def test_another_network_is_refused_by_its_first_tensors(start, tmp_path):
+def test_another_network_is_refused_by_its_first_tensors(tmp_path):
     wide = replace(CONFIG, learn=replace(CONFIG.learn, hidden_sizes=(4,)))
     shapes = jax.eval_shape(lambda: init_state(Coasting(wide)))
     state = jax.tree.map(lambda leaf: np.ones(leaf.shape, leaf.dtype), shapes)
-    checkpoint.save(tmp_path, 4, state, {})
+    checkpoint.save(tmp_path / "checkpoints", 4, state, describe(CONFIG, 4))
+    start = read_start(RunDirectory(tmp_path), 4)
     with pytest.raises(CheckpointError, match=r"expected float32\[1,2,35,8\], got float32\[1,2,35,4\].* more"):
         restored_state(start, CONFIG, Coasting(CONFIG))

@@ -10,10 +10,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from saved_runs import newest
 from tiny import CHUNK, COMMAND, STEPS, finish, interrupt, kill_while_compiling
 from tiny import train as begin
 
-from dronecombat_jax import cli, settings
+from dronecombat_jax import cli, preflight, settings
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED
 from dronecombat_jax.runs import checkpoint, metrics, training
 
@@ -54,7 +55,7 @@ def test_a_training_leaves_its_files_and_complete_metrics(whole):
         inside = [r for r in rows if (r["chunk"], r["seed"]) == (row["chunk"], row["seed"])]
         crashed = sum(r["outcome/attacker_crash"] * r["episodes"] for r in inside if r["episodes"])
         assert row["episodes"] == sum(r["episodes"] for r in inside)
-        assert row["outcome/attacker_crash"] * row["episodes"] == pytest.approx(crashed)
+        assert (row["outcome/attacker_crash"] or 0.0) * row["episodes"] == pytest.approx(crashed)
         assert row["learning_rate/attacker"] == inside[-1]["learning_rate/attacker"]
     assert [row["seconds/compile"] > 0.0 for row in chunks] == [True] * 2 + [False] * (2 * CHUNKS - 2)
     for row in chunks:
@@ -68,6 +69,12 @@ def test_a_training_leaves_its_files_and_complete_metrics(whole):
     assert (whole.path / "figures/learning.png").stat().st_size > 1000
     assert settings.load(whole.path / "config.toml").run.name == "whole"
     assert "compiled the training program" in whole.out and "warp" not in whole.out
+
+
+def test_the_disk_estimate_is_what_a_run_leaves_behind(whole):
+    """From below, and not by much, even at a size where tables and logs are most of it."""
+    left = sum(path.stat().st_size for path in whole.path.rglob("*") if path.is_file())
+    assert 0.5 < preflight.estimated_disk_bytes(whole.config) / left < 1.1
 
 
 def test_the_same_command_again_has_nothing_to_do(whole, capsys):
@@ -89,9 +96,9 @@ def test_other_settings_in_the_same_directory_are_refused_by_name(whole, capsys)
 def test_a_killed_run_goes_on_to_the_same_bits(whole):
     run = whole.root / "killed"
     kill_while_compiling(train(whole.root, "killed"))
-    assert checkpoint.steps(run / "checkpoints") == [0] and checkpoint.latest(run / "checkpoints") == 0
+    assert checkpoint.steps(run / "checkpoints") == [0] and newest(run / "checkpoints") == 0
     code, _, _ = interrupt(train(whole.root, "killed"), run, after=4, number=signal.SIGKILL)
-    assert code == -signal.SIGKILL and (checkpoint.latest(run / "checkpoints") or 0) < CHUNKS * CHUNK
+    assert code == -signal.SIGKILL and (newest(run / "checkpoints") or 0) < CHUNKS * CHUNK
     code, out, err = finish(train(whole.root, "killed", "--run.no-figures"))  # what the run leaves may change
     assert code == 0 and "resuming after" in out, err
     assert digest(run) == digest(whole.path)

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from flax import struct
+from saved_runs import newest
 
 from dronecombat_jax import settings
 from dronecombat_jax.config import Config, LearnConfig, RunConfig, TrainConfig
@@ -91,7 +92,15 @@ def _report(iterations: int, skipped: int, diverged: int) -> IterationMetrics:
     causes[..., Cause.REACHED] = 2
     nobody = np.full((1, iterations), -1)
     return IterationMetrics(  # pyright: ignore[reportArgumentType]
-        causes, zeros.astype(int), causes[..., 0], RewardTerms(*[zeros] * 7), learners, nobody, nobody
+        causes=causes,
+        crashes=zeros.astype(int),
+        episode_steps=causes[..., 0],
+        returns=zeros,
+        diverged=causes[..., Cause.DIVERGED],
+        reward_terms=RewardTerms(*[zeros] * 7),
+        learners=learners,
+        frozen=nobody,
+        opponent=nobody,
     )
 
 
@@ -154,12 +163,21 @@ def test_a_disk_that_goes_on_refusing_stops_the_run(toy, monkeypatch, refused):
 def refuse_saves(monkeypatch, at: set[int]) -> None:
     real = checkpoint.save
 
-    def save(directory, step, state, meta):
+    def save(directory, step, state, meta, **options):
         if step in at:
             raise cannot_write(directory / str(step), OSError(errno.ENOSPC, "No space left on device"), 100)
-        return real(directory, step, state, meta)
+        return real(directory, step, state, meta, **options)
 
     monkeypatch.setattr(checkpoint, "save", save)
+
+
+@pytest.mark.parametrize(
+    ("keep", "left"),
+    [("all", [10, 20, 30, 40]), ("last 2", [30, 40]), ("last 1", [30, 40]), ("every 2", [20, 30, 40])],
+)
+def test_only_the_checkpoints_that_run_keep_asks_for_stay(toy, keep, left):
+    assert training.train(replace(toy.config, run=replace(toy.config.run, keep=keep))) == 0
+    assert steps_saved(toy) == left and not list(toy.path.glob("checkpoints/.tmp-*"))
 
 
 def test_a_directory_that_was_moved_away_is_replaced(toy, capsys):
@@ -182,7 +200,7 @@ def test_five_iterations_without_one_gradient_end_the_training_and_leave_its_sta
     error = refused(toy.config)
     assert error.exit_code == EXIT_DIVERGED and "not one finite gradient for the attacker of seed 1" in error.message
     assert "up to 20 " in error.message and str(toy.path / "diverged-20.npz") in error.message
-    assert steps_saved(toy) == [10] and checkpoint.latest(toy.path / "checkpoints") == 10
+    assert steps_saved(toy) == [10] and newest(toy.path / "checkpoints") == 10
     with np.load(toy.path / "diverged-20.npz", allow_pickle=False) as dump:
         assert dump["state/iteration"] == [20] and np.all(dump["report/learners/skipped"][0, :, 1] == 6)
 

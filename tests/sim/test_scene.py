@@ -11,8 +11,11 @@ import pytest
 
 from dronecombat_jax.config import SimConfig
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
-from dronecombat_jax.sim import scene as scene_module
-from dronecombat_jax.sim.scene import BODIES, DRONES, Scene, find_mjcf_dir, load_scene
+from dronecombat_jax.sim import source
+from dronecombat_jax.sim.flown import BODIES, DRONES
+from dronecombat_jax.sim.scene import Scene, load_scene
+from dronecombat_jax.sim.side_by_side import differences
+from dronecombat_jax.sim.source import find_mjcf_dir, read_written
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +44,7 @@ def test_mass_and_inertia_are_those_of_the_specification(scene: Scene):
     assert scene.full.opt.timestep == scene.lean.opt.timestep == 0.01
 
 
-@pytest.mark.parametrize("body", ["isaac", *BODIES])
+@pytest.mark.parametrize("body", BODIES)
 def test_both_models_agree_in_mass_inertia_and_layout(body: Any):
     loaded = load_scene(SimConfig(body=body, timestep=0.005))
     for index, name in enumerate(DRONES):
@@ -52,8 +55,7 @@ def test_both_models_agree_in_mass_inertia_and_layout(body: Any):
             assert model.joint(name).qposadr[0] == loaded.qpos[index].start == 7 * index
             assert model.joint(name).dofadr[0] == loaded.qvel[index].start == 6 * index
     assert loaded.full.opt.timestep == loaded.lean.opt.timestep == 0.005
-    if body in BODIES:
-        assert (loaded.mass[0], tuple(loaded.inertia[0])) == BODIES[body]
+    assert (loaded.mass[0], tuple(loaded.inertia[0])) == BODIES[body]
 
 
 def test_lean_model_holds_two_bodies_and_nothing_else(scene: Scene):
@@ -124,6 +126,7 @@ def test_lean_model_flies_like_the_full_one(scene: Scene):
     ends = []
     for model in (scene.full, scene.lean):
         data = mujoco.MjData(model)
+        data.qpos[:] = mujoco.MjData(scene.full).qpos
         data.qvel[:] = [1, 2, 3, 0, 0, 2, -1, 0, 2, 0, 0, -3]
         mujoco.mj_step(model, data, 50)
         ends.append(data.qpos.copy())
@@ -140,7 +143,7 @@ def test_every_shape_of_the_drone_is_massless_and_real_size():
 def test_folder_is_found_in_a_checkout_and_in_a_wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     package = tmp_path / "site" / "dronecombat_jax"
     (package / "sim").mkdir(parents=True)
-    monkeypatch.setattr(scene_module, "__file__", str(package / "sim" / "scene.py"))
+    monkeypatch.setattr(source, "__file__", str(package / "sim" / "source.py"))
     with pytest.raises(UserError, match=r"combat\.xml: not found"):
         find_mjcf_dir()
     checkout = Path(shutil.copytree(Path(__file__).parents[2] / "mjcf", tmp_path / "site" / "mjcf"))
@@ -213,3 +216,77 @@ def test_symlink_out_of_the_folder_is_refused(mjcf: Path, tmp_path: Path):
     (mjcf / "crazyflie.xml").symlink_to(tmp_path / "elsewhere.xml")
     with pytest.raises(UserError, match="leaves the folder"):
         load_scene(SimConfig(), mjcf / "combat.xml")
+
+
+OTHER_WRENCH = {
+    "turned sign": ('gear="0 0 0 0 1 0"', 'gear="0 0 0 0 -1 0"', ("defender_moment_y", "0.01 N m about y alone")),
+    "tiny gear": ('gear="0 0 0 1 0 0"', 'gear="0 0 0 1e-5 0 0"', ("defender_moment_x",)),
+    "swapped": ('gear="0 0 1 0 0 0"', 'gear="1 0 0 0 0 0"', ("defender_thrust", "(0.5256, 0, 0) N")),
+    "rotor": ('gear="0 0 1 0 0 0"', 'gear="0 0 1 0 0 0.006"', ("defender_thrust", "N m in the body's frame")),
+    "off the centre": ('name="centre" size', 'name="centre" pos="0.01 0 0" size', ("defender_thrust",)),
+    "tilted": ('name="centre" size', 'name="centre" euler="0 5 0" size', ("defender_thrust",)),
+    "weak": ('ctrlrange="0 0.52562"', 'ctrlrange="0 0.52562" forcerange="0 0.3"', ("defender_thrust", "0.3")),
+    "filtered": (
+        '<motor name="moment_z" site="centre"',
+        '<general dyntype="filter" dynprm="0.1" name="moment_z" site="centre"',
+        ("defender_moment_z",),
+    ),
+    "servo": (
+        '<motor name="moment_z" site="centre" gear="0 0 0 0 0 1"',
+        '<general biastype="affine" biasprm="0 0 -0.1" name="moment_z" site="centre" gear="0 0 0 0 0 1"',
+        ("defender_moment_z", "pushes without a command"),
+    ),
+    "another": (
+        "</actuator>",
+        '<motor name="gun" site="centre" gear="1 0 0 0 0 0"/></actuator>',
+        ("defender_gun, attacker_gun", "the game applies thrust and moments alone"),
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", OTHER_WRENCH)
+def test_an_actuator_that_is_not_the_wrench_is_named(fault: str, mjcf: Path):
+    """Four rotors under the four expected names are the case "rotor" in each of them."""
+    old, new, words = OTHER_WRENCH[fault]
+    rewrite(mjcf / "crazyflie.xml", old, new)
+    with pytest.raises(UserError) as raised:
+        load_scene(SimConfig(), mjcf / "combat.xml")
+    assert "\n" not in raised.value.message and "actuator " in raised.value.message
+    for word in words:
+        assert word in raised.value.message
+
+
+def test_a_body_inside_a_drone_counts_or_is_refused(mjcf: Path):
+    """It used to weigh nothing in thrust and flight of the game, and all in C MuJoCo."""
+    pair = "".join(
+        f'<body name="battery{z}" pos="0 0 {z}"><inertial pos="0 0 0" mass="0.005" diaginertia="1e-6 1e-6 1e-6"/></body>'
+        for z in (-0.01, 0.01)
+    )
+    file = rewrite(mjcf / "crazyflie.xml", "<worldbody>", "<worldbody>" + pair)
+    scene = load_scene(SimConfig(), mjcf / "combat.xml")
+    np.testing.assert_allclose(scene.mass, 0.0382, rtol=1e-12)
+    np.testing.assert_allclose(scene.inertia[1], [2.4236e-5, 2.4320e-5, 3.7412e-5], rtol=1e-9)
+    assert scene.full.actuator_ctrlrange[scene.controls[0, 0], 1] == pytest.approx(1.9 * 0.0382 * 9.81)
+    rewrite(file, 'pos="0 0 -0.01"', 'pos="0 0 -0.02"')
+    with pytest.raises(
+        UserError, match=r"body defender: its centre of mass must be the body's origin, not 0 0 -0\.001"
+    ):
+        load_scene(SimConfig(), mjcf / "combat.xml")
+
+
+def test_what_acts_on_a_drone_of_a_whole_scene_is_named(mjcf: Path):
+    rewrite(mjcf / "combat.xml", '<freejoint name="attacker"/>', '<joint type="free" name="attacker" damping="1e-3"/>')
+    with pytest.raises(UserError, match="the free joint of body attacker: damping"):
+        load_scene(SimConfig(), mjcf / "combat.xml")
+
+
+def test_a_whole_scene_may_have_a_fluid_and_two_different_drones(mjcf: Path):
+    file = mjcf / "combat.xml"
+    rewrite(file, 'gravity="0 0 -9.81"', 'gravity="0 0 -9.81" density="1.2"')
+    head, tail = file.read_text().split('<body name="attacker"')
+    file.write_text(head + '<body name="attacker"' + tail.replace('mass="0.0282"', 'mass="0.05"'))
+    sim = SimConfig(mjcf=str(file))
+    scene = load_scene(sim)
+    np.testing.assert_array_equal(scene.mass, [0.0282, 0.05])
+    found = differences(sim, scene, read_written(sim))
+    assert all(one.position < 1e-3 and one.rate < 5e-3 for one in found), found

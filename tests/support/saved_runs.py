@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -16,16 +17,31 @@ GAME = replace(CONFIG.game, episode_steps=30, crash_rule="out")
 TOY = replace(CONFIG, game=GAME, train=replace(CONFIG.train, total_steps=10**4))
 
 
-def write_run(path: Path, config: Config = TOY, chunks: int | range = 3, seed: int = 0) -> Path:
-    """Checkpoints after `chunks` chunks (0, untrained, among them, or those of a range) of a run at `path`."""
+def write_run(
+    path: Path,
+    config: Config = TOY,
+    chunks: int | range = 3,
+    seed: int = 0,
+    met: dict[str, Any] | None = None,
+) -> Path:
+    """A run at `path`: checkpoints after `chunks` chunks (0, untrained, too; or those of a range).
+
+    `met`: the environment that they say they were trained in; None: that of `config`.
+    """
     shapes = jax.eval_shape(lambda: init_state(Coasting(config)))
     path.mkdir(parents=True, exist_ok=True)
     for chunk in range(chunks + 1) if isinstance(chunks, int) else chunks:
         rng = np.random.default_rng([seed, chunk])
         state = jax.tree.map(lambda leaf, rng=rng: _random(rng, leaf), shapes)
         iteration = chunk * config.train.chunk_iterations
-        checkpoint.save(path / "checkpoints", iteration, state, describe(config, iteration))
+        checkpoint.save(path / "checkpoints", iteration, state, describe(config, iteration, met))
     return path
+
+
+def newest(checkpoints: Path, **options: bool) -> int | None:
+    """The step of the newest checkpoint that verifies, or None."""
+    manifest = checkpoint.latest(checkpoints, **options)
+    return None if manifest is None else manifest.step
 
 
 def damage(path: Path, chunk: int, config: Config = TOY) -> None:

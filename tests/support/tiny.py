@@ -11,7 +11,7 @@ from pathlib import Path
 WORDS = (
     "--preset smoke --seed 3 --train.num-envs 16 --train.chunk-iterations 2 --sim.substeps 1 --game.episode-steps 20 "
     "--learn.hidden-sizes 8 8 --learn.rollout-steps 6 --learn.epochs 2 --learn.minibatches 2 "
-    "--train.num-seeds 2 --run.no-video --run.evaluation-fights 4"
+    "--train.num-seeds 2 --run.no-video --run.no-replay --run.evaluation-fights 4"
 )
 COMMAND = WORDS.split()
 CHUNK = 2  # iterations of a chunk

@@ -45,8 +45,8 @@ def fix() -> None:
         given = os.environ.get(name)
         if given is None or given.lower() in words:
             continue
-        note = f"{name}={given[:40]!r} is not used: training and fights need JAX's own {value}"
-        print(f"note: {note}", file=sys.stderr)
+        reason = f"training and fights need JAX's own value, {value}"
+        print(f"note: {name}={given[:40]!r} is not used: {reason}", file=sys.stderr)
         del os.environ[name]
         if "jax" in sys.modules:  # it has read the environment already
             with contextlib.suppress(AttributeError):  # this version of it knows no such setting

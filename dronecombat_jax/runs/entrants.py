@@ -71,7 +71,7 @@ def read_field(
 
 
 def _game(found: list[Found], mjcf: str) -> Config:
-    """The game of the first who can be flown here as it was trained, else of the first.
+    """The game of the first whose scene is at hand, else of the first.
 
     A policy file of an own drone says what its MJCF says, not where it is: a run does.
     """
@@ -83,7 +83,8 @@ def _game(found: list[Found], mjcf: str) -> Config:
         config = replace(entry.config, sim=replace(sim, mjcf=mjcf or sim.mjcf))
         first = first or config
         known = [contender.environment for contender in entry.contenders if contender.environment]
-        if not known or known[-1] == environment(config):
+        lines = environment_diff(known[-1], environment(config)) if known else []
+        if not any(line.startswith(SCENE) for line in lines):
             return config
     return first or settings.load(ANCHOR_PRESET, {"sim.mjcf": mjcf})
 

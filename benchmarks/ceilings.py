@@ -71,7 +71,7 @@ def numpy_products(size: Size) -> Part:
 
 def xla_products(size: Size) -> Part:
     """The products by XLA, each a jitted program that writes into the memory of the last result, in GFLOP/s."""
-    from dronecombat_jax import backend
+    from dronecombat_jax.machine import backend
 
     backend.prepare("cpu")
 

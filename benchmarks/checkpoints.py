@@ -13,7 +13,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 
 def main() -> None:
@@ -32,9 +32,9 @@ def measure(slots: int, envs: int, repeats: int) -> None:
     import jax
     import numpy as np
 
-    from dronecombat_jax import settings
     from dronecombat_jax.combat.env import Combat
-    from dronecombat_jax.runs import checkpoint
+    from dronecombat_jax.config import settings
+    from dronecombat_jax.files import checkpoint
     from dronecombat_jax.selfplay.chunk import init_state
 
     config = settings.load("duel", {"selfplay.probability": 0.2, "train.num_envs": envs})

@@ -45,7 +45,8 @@ def main() -> None:
 
 def measure(seeds: int, environments: int, given: dict) -> tuple[float, float]:
     """The best rate of several calls, all seeds together, and CPU seconds of an iteration of one seed."""
-    from dronecombat_jax import backend, settings
+    from dronecombat_jax.config import settings
+    from dronecombat_jax.machine import backend
 
     backend.prepare("cpu", seeds * environments)
     import jax

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from dronecombat_jax import backend
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
+from dronecombat_jax.machine import backend
 
 ALTITUDE = 10.0  # m
 FREE = (-1.0, 0.0, 0.0, 0.0)  # the action without thrust and moments

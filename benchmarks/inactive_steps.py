@@ -11,7 +11,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 backend.prepare("cpu")
 
@@ -19,7 +19,7 @@ import jax  # noqa: E402 - after prepare
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 
-from dronecombat_jax.config import LearnConfig  # noqa: E402
+from dronecombat_jax.config.fields import LearnConfig  # noqa: E402
 from dronecombat_jax.learn.ippo import update_learner, without  # noqa: E402
 from dronecombat_jax.learn.rollout import act, collect, policy_of, select  # noqa: E402
 from dronecombat_jax.runs.evaluation import SavedRun, load_run, policies  # noqa: E402

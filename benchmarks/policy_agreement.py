@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 FIGHTS = 64
 
@@ -18,12 +18,12 @@ def main(path: Path, index: int) -> None:
     backend.prepare("cpu")
     import jax
 
+    from dronecombat_jax.files.rundir import RunDirectory
     from dronecombat_jax.learn.rollout import policy_mean
+    from dronecombat_jax.policies.file import save_policy
+    from dronecombat_jax.policies.numpy_policy import NumpyPolicy
     from dronecombat_jax.runs.evaluation import load_run, policies
     from dronecombat_jax.runs.export import policy_of_run
-    from dronecombat_jax.runs.numpy_policy import NumpyPolicy
-    from dronecombat_jax.runs.policy import save_policy
-    from dronecombat_jax.runs.rundir import RunDirectory
     from dronecombat_jax.types import ATTACKER, ROLES
 
     run = load_run(path)

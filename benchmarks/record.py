@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("numpy", "jax", "jaxlib", "flax", "mujoco", "mujoco-mjx")

@@ -24,7 +24,7 @@ from benchmarks.size import TINY, Size
 from benchmarks.tables import head, spread, table
 from benchmarks.throughput import say
 from benchmarks.worker import Worker, end_tidily
-from dronecombat_jax.preflight import machine_bytes
+from dronecombat_jax.config.estimates import machine_bytes
 
 DEFAULT_FILE = Path("build/bench-scaling.json")
 

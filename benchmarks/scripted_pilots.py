@@ -8,7 +8,7 @@ Every attacker against every defender from the same starts, in one program. Prin
 
 import argparse
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 
 def main() -> None:
@@ -29,10 +29,10 @@ def table(fights: int, seed: int, preset: str, uniform: bool) -> None:
     import jax.numpy as jnp
     import numpy as np
 
-    from dronecombat_jax import settings
     from dronecombat_jax.arena.match import fight, start_fights
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.combat.scripted import PILOTS, build_pilot, one_per_fight
+    from dronecombat_jax.config import settings
     from dronecombat_jax.runs.evaluation import summary
     from dronecombat_jax.types import ATTACKER, DEFENDER, FightResult
 

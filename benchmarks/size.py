@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from dronecombat_jax.config import Config, LearnConfig, RunConfig, SelfPlayConfig, TrainConfig
+from dronecombat_jax.config.fields import Config, LearnConfig, RunConfig, SelfPlayConfig, TrainConfig
 
 OBSERVATION_SIZE, ACTION_SIZE = 35, 4
 

@@ -12,7 +12,7 @@ from benchmarks.worker import Part, peak_mib
 
 def stepping(size: Size, per_core: bool) -> Part:
     """The three programs with `num_envs` environments, as one program on all cores or, `per_core`, on a device each."""
-    from dronecombat_jax import backend
+    from dronecombat_jax.machine import backend
 
     devices = backend.cores() if per_core else 1
     backend.prepare(size.device, devices)
@@ -80,7 +80,7 @@ def plain_data(combat: Any, size: Size) -> Any:
     import jax.numpy as jnp
     import mujoco
 
-    from dronecombat_jax.backend import import_mjx
+    from dronecombat_jax.machine.backend import import_mjx
 
     mjx, scene, sim = import_mjx(), combat.scene, combat.config.sim
     full = copy.copy(scene.full)

@@ -18,7 +18,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 SIZES = ((50_000, "100 x 100 x 5"), (1_000_000, "100 x 100 x 100"))
 
@@ -65,10 +65,10 @@ def rate(players: int, episodes: int) -> dict[str, float]:
     import numpy as np
     from scipy.special import expit
 
-    from dronecombat_jax.arena.result import Entrant, tournament_result
+    from dronecombat_jax.analysis.result import Entrant, tournament_result
+    from dronecombat_jax.analysis.study import study
     from dronecombat_jax.combat.rules import outcome_table
-    from dronecombat_jax.config import GameConfig
-    from dronecombat_jax.report.study import study
+    from dronecombat_jax.config.fields import GameConfig
     from dronecombat_jax.types import Cause
 
     rng = np.random.default_rng(0)
@@ -102,11 +102,11 @@ def measure(players: int, episodes: int, preset: str) -> dict[str, float]:
     import jax
     import numpy as np
 
-    from dronecombat_jax import settings
     from dronecombat_jax.arena.players import Player
     from dronecombat_jax.arena.rectangle import Rules
-    from dronecombat_jax.arena.tournament import play
+    from dronecombat_jax.arena.round_robin import play
     from dronecombat_jax.combat.env import Combat
+    from dronecombat_jax.config import settings
     from dronecombat_jax.learn.ippo import init_learner
     from dronecombat_jax.learn.rollout import policy_of
 

@@ -107,7 +107,7 @@ def tournament(size: Size) -> Part:
 
     from dronecombat_jax.arena.players import Player
     from dronecombat_jax.arena.rectangle import Rules
-    from dronecombat_jax.arena.tournament import play
+    from dronecombat_jax.arena.round_robin import play
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.learn.ippo import init_learner
     from dronecombat_jax.learn.rollout import policy_of
@@ -145,8 +145,8 @@ def tournament(size: Size) -> Part:
 
 def _prepare(config: Any) -> int:
     """Set JAX up as `dronecombat train` does; the number of devices."""
-    from dronecombat_jax import backend
-    from dronecombat_jax.preflight import spread
+    from dronecombat_jax.config.devices import spread
+    from dronecombat_jax.machine import backend
 
     devices = spread(config.train.num_seeds, config.run.devices, backend.cores())
     backend.prepare(config.run.device, devices)

@@ -65,7 +65,7 @@ def update() -> None:
     import jax
     import jax.numpy as jnp
 
-    from dronecombat_jax.config import LearnConfig
+    from dronecombat_jax.config.fields import LearnConfig
     from dronecombat_jax.learn import ippo, networks
     from dronecombat_jax.types import Batch
 
@@ -113,7 +113,7 @@ def values() -> None:
     """Values of a rollout's states, all T N at once against step by step, in us per environment step."""
     import jax
 
-    from dronecombat_jax.config import LearnConfig
+    from dronecombat_jax.config.fields import LearnConfig
     from dronecombat_jax.learn.networks import forward, init_parameters
 
     mlp = init_parameters(jax.random.key(0), LearnConfig()).value
@@ -133,7 +133,7 @@ def physics(repeat: int = 100) -> None:
     import jax.numpy as jnp
     from mujoco.mjx._src import forward, smooth, support
 
-    from dronecombat_jax.config import SimConfig
+    from dronecombat_jax.config.fields import SimConfig
     from dronecombat_jax.sim.physics import build_physics, load_mjx
     from dronecombat_jax.sim.scene import load_scene
 
@@ -217,7 +217,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=parts)
     chosen = parser.parse_args().part
-    from dronecombat_jax import backend
+    from dronecombat_jax.machine import backend
 
     backend.prepare("cpu")
     parts[chosen]()

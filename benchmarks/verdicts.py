@@ -3,7 +3,7 @@
     python -m benchmarks.verdicts [--comparisons 400] [--seeds 8] [--fights 50] [--seed 0]
 
 Every simulated tournament has final policies only, `--seeds` runs of each of two methods whose
-defenders are equal on average, and goes through `report.verdict.judge`, as a real one does.
+defenders are equal on average, and goes through `analysis.verdict.judge`, as a real one does.
 Prints a Markdown table, a row a situation:
 
 - YES: share of verdicts that name a better method. The level is 0.05. "Plain": the same by the
@@ -24,14 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from dronecombat_jax.arena.bradley_terry import POINTS
-from dronecombat_jax.arena.compare import LEVEL, MARGIN, elo_of_score, equivalence
-from dronecombat_jax.arena.panel import Panel, away_panel
-from dronecombat_jax.arena.permutation import permutation_test
-from dronecombat_jax.arena.result import Entrant, TournamentResult, tournament_result
+from dronecombat_jax.analysis.bradley_terry import POINTS
+from dronecombat_jax.analysis.compare import LEVEL, MARGIN, elo_of_score, equivalence
+from dronecombat_jax.analysis.panel import Panel, away_panel
+from dronecombat_jax.analysis.permutation import permutation_test
+from dronecombat_jax.analysis.result import Entrant, TournamentResult, tournament_result
+from dronecombat_jax.analysis.verdict import judge
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.config import Config
-from dronecombat_jax.report.verdict import judge
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.types import ROLES, Cause
 
 METHODS = ("ippo", "s-ippo")
@@ -159,7 +159,7 @@ def entrant(role: str, method: str, seed: int) -> Entrant:
 
 
 def points(panel: Panel) -> tuple[NDArray, NDArray]:
-    """Each method's adjusted scores in points, as `arena.compare` tests them for equivalence."""
+    """Each method's adjusted scores in points, as `analysis.compare` tests them for equivalence."""
     return by_method(panel, elo_of_score(panel.adjusted, panel.fights))
 
 

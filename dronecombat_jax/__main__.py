@@ -14,7 +14,7 @@ def main() -> int:
     from dronecombat_jax.runs import signals
 
     with signals.ending_at_once():
-        from dronecombat_jax import cli
+        from dronecombat_jax.cli import commands as cli
         from dronecombat_jax.runs import lowered
 
         lowered.keep()

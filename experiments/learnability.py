@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dronecombat_jax.files import metrics
 from dronecombat_jax.report.figures import OUTCOMES, ROLE_COLOURS
-from dronecombat_jax.runs import metrics
 from dronecombat_jax.types import ROLES
 
 # isort: split

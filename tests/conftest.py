@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 os.environ.setdefault("DRONECOMBAT_CACHE", str(Path(__file__).parents[1] / ".cache"))
 os.environ.pop("MPLBACKEND", None)  # a notebook's: no test opens a window
@@ -19,7 +19,7 @@ def arena() -> SimpleNamespace:
     import jax
 
     from dronecombat_jax.combat.env import Combat
-    from dronecombat_jax.config import Config
+    from dronecombat_jax.config.fields import Config
 
     combat, traces = Combat(Config()), []
 

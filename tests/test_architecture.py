@@ -36,8 +36,10 @@ def test_names_say_what_lives_there():
 def test_settings_backend_and_help_start_without_jax():
     code = (
         "import sys\n"
-        "from dronecombat_jax import backend, cli, doctor, settings\n"
-        "assert cli.main(['--help']) == 0\n"
+        "from dronecombat_jax.cli import commands, doctor\n"
+        "from dronecombat_jax.config import settings\n"
+        "from dronecombat_jax.machine import backend\n"
+        "assert commands.main(['--help']) == 0\n"
         "heavy = {'jax', 'jaxlib', 'flax', 'optax', 'brax', 'mujoco', 'matplotlib', 'av'} & set(sys.modules)\n"
         "assert not heavy, heavy"
     )

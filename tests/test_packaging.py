@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from dronecombat_jax import settings
-from dronecombat_jax.backend import BAD_JAX
+from dronecombat_jax.config import settings
+from dronecombat_jax.machine.backend import BAD_JAX
 from dronecombat_jax.sim.scene import find_mjcf_dir
 
 ROOT = Path(__file__).parents[1]
@@ -56,7 +56,7 @@ def test_the_wheel_installs_the_command(wheel):
 
 def test_an_installed_package_finds_its_scene_and_presets(wheel, tmp_path):
     code = (
-        "from dronecombat_jax import settings\n"
+        "from dronecombat_jax.config import settings\n"
         "from dronecombat_jax.sim.scene import find_mjcf_dir, load_scene\n"
         "load_scene(settings.load('smoke').sim)\n"
         "print(find_mjcf_dir(), settings.find_preset('smoke'), sep='\\n')"

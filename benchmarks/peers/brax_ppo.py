@@ -8,7 +8,7 @@ of 166 sequences of 24 steps are one rollout. The other settings are those of ou
 
 import functools
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 
 def main() -> None:
@@ -23,7 +23,7 @@ def main() -> None:
     from dronecombat_jax.adapters.brax_env import CombatEnv, mend_brax, wrap
     from dronecombat_jax.arena.match import policy_pilot
     from dronecombat_jax.combat.env import Combat
-    from dronecombat_jax.config import Config
+    from dronecombat_jax.config.fields import Config
     from dronecombat_jax.learn.ippo import init_learner
     from dronecombat_jax.learn.rollout import policy_of
     from dronecombat_jax.types import ATTACKER, DEFENDER

@@ -10,7 +10,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from dronecombat_jax.config import Config, GameConfig
+from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.sim.scene import load_scene
 
 PLACES = np.array([[0.0, 5.0], [0.0, 0.0], [5.0, 5.0]])  # m: defender, attacker, target

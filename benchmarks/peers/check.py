@@ -9,7 +9,7 @@ float32 explains: an observation by 2e-4 (a rate of 50 rad/s is known to 4e-6), 
 
 import sys
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 backend.prepare("cpu")
 
@@ -20,7 +20,7 @@ import numpy as np  # noqa: E402
 from benchmarks.peers.c_mujoco import QPOS, QVEL, Duel  # noqa: E402
 from benchmarks.peers.full_data import FullCombat, FullState  # noqa: E402
 from dronecombat_jax.combat.env import Combat  # noqa: E402
-from dronecombat_jax.config import Config  # noqa: E402
+from dronecombat_jax.config.fields import Config  # noqa: E402
 from dronecombat_jax.types import Cause, EnvState, StepOutput  # noqa: E402
 
 NUM_FIGHTS, RANDOM_STEPS = 512, 40

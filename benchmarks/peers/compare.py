@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.peers.turns import ROOT, Peer
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 TARGET = 3.0  # ours over a peer
 DISTURBED = 0.2  # cores that other processes took during a burst

@@ -12,11 +12,11 @@ import jax.numpy as jnp
 import mujoco
 from flax import struct
 
-from dronecombat_jax.backend import import_mjx
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.observe import observe_world
 from dronecombat_jax.combat.reward import reward_terms, total
 from dronecombat_jax.combat.rules import detect, judge
+from dronecombat_jax.machine.backend import import_mjx
 from dronecombat_jax.sim.flight import gyroscopic_correction, limit_rate, split
 from dronecombat_jax.types import Cause
 

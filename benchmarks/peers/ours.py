@@ -10,8 +10,8 @@ import argparse
 from dataclasses import replace
 
 from benchmarks.peers.turns import Turns
-from dronecombat_jax import backend
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.machine import backend
 
 FOREVER = 10**12  # environment steps
 

@@ -8,7 +8,7 @@ modules and optax train states. Two learners where purejaxrl has one; the settin
 
 from typing import Any, NamedTuple
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 backend.prepare("cpu")
 
@@ -21,7 +21,7 @@ from flax.training.train_state import TrainState  # noqa: E402
 from benchmarks.peers.full_data import FullCombat  # noqa: E402
 from benchmarks.peers.turns import Turns  # noqa: E402
 from dronecombat_jax.combat.env import Combat  # noqa: E402
-from dronecombat_jax.config import Config, LearnConfig  # noqa: E402
+from dronecombat_jax.config.fields import Config, LearnConfig  # noqa: E402
 from dronecombat_jax.learn.networks import gaussian_entropy, gaussian_log_prob  # noqa: E402
 from dronecombat_jax.learn.normalize import init_scaler, normalize, update_scaler  # noqa: E402
 from dronecombat_jax.learn.ppo import adapt_learning_rate  # noqa: E402

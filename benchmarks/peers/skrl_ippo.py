@@ -17,8 +17,8 @@ from skrl.resources.schedulers.torch import KLAdaptiveLR  # pyright: ignore[repo
 
 from benchmarks.peers.c_mujoco import Duel
 from benchmarks.peers.turns import Turns
-from dronecombat_jax.backend import cores
-from dronecombat_jax.config import Config, LearnConfig
+from dronecombat_jax.config.fields import Config, LearnConfig
+from dronecombat_jax.machine.backend import cores
 from dronecombat_jax.types import ACTION_SIZE, OBSERVATION_SIZE, ROLES
 
 SPACES = (

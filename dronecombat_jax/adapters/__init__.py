@@ -1,1 +1,4 @@
-"""Views of the environment for other libraries' learners."""
+"""Views of the environment for other libraries.
+
+What does not live here: the environment (`combat`).
+"""

@@ -1,1 +1,4 @@
-"""Fights between trained pilots: matches, tournaments, ratings and statistics."""
+"""Fights between policies, many at once: matches, lanes, the round robin.
+
+What does not live here: who takes part (`tournaments`), what the outcomes say (`analysis`).
+"""

@@ -17,7 +17,7 @@ from dronecombat_jax.arena.match import advance, no_result
 from dronecombat_jax.arena.players import Kind
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import PILOTS, Pilot, build_pilot, one_per_fight
-from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn.rollout import policy_mean
 from dronecombat_jax.types import ACTION_SIZE, ATTACKER, DEFENDER, NUM_AGENTS, Cause, EnvState, FightResult, Policy
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import Pilot
-from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn.rollout import policy_mean
 from dronecombat_jax.types import (
     ATTACKER,
@@ -27,7 +27,7 @@ from dronecombat_jax.types import (
 def policy_pilot(learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False) -> Pilot:
     """Fly `policy` as `role`: its mean action, or a draw from it.
 
-    Its log-std is taken as it is: `runs.policy.as_flown` puts it into its bounds.
+    Its log-std is taken as it is: `policies.file.as_flown` puts it into its bounds.
     """
 
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:

@@ -1,1 +1,5 @@
-"""The game: rules, observation, reward and the environment."""
+"""The game: rules, observations, rewards, the environment, scripted pilots.
+
+Rules, observations and rewards work on plain arrays and know no MuJoCo.
+What does not live here: learning (`learn`).
+"""

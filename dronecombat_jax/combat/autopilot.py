@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.sim.flight import principal_axes
 from dronecombat_jax.sim.rotation import rotate_inverse
 from dronecombat_jax.sim.scene import Scene

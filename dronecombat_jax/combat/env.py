@@ -8,11 +8,11 @@ from functools import cached_property
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax import jax_variables
 from dronecombat_jax.combat.observe import observe_ego, observe_world
 from dronecombat_jax.combat.reward import reward_terms, total
 from dronecombat_jax.combat.rules import detect, forfeit, judge, timeout_decides
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.machine import jax_variables
 from dronecombat_jax.sim.flight import Step, build_step, split
 from dronecombat_jax.sim.scene import Scene, load_scene
 from dronecombat_jax.types import NUM_AGENTS, Cause, EnvState, StepOutput

@@ -1,6 +1,6 @@
 """Which game a policy knows: the settings, scene and observation that its actions depend on.
 
-And their sha256. What does not live here: who compares them (`runs.policy`, tournaments). Rewards
+And their sha256. What does not live here: who compares them (`policies.file`, tournaments). Rewards
 and learning are no part of the game that a trained policy meets.
 """
 
@@ -9,9 +9,9 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from dronecombat_jax.combat.observe import LAYOUT
-from dronecombat_jax.config import Config
-from dronecombat_jax.schema import flatten
-from dronecombat_jax.settings import SCHEMA
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.schema import flatten
+from dronecombat_jax.config.settings import SCHEMA
 
 if TYPE_CHECKING:
     from dronecombat_jax.sim.scene import Scene

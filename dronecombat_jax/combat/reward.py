@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.rules import Events, timeout_decides
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.types import DEFENDER, NUM_AGENTS, Cause, Drones, RewardTerms
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.config import GameConfig
+from dronecombat_jax.config.fields import GameConfig
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, Outcome
 
 

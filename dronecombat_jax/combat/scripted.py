@@ -13,9 +13,9 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.autopilot import MIN_LIFT, VELOCITY_GAIN, Airframe, airframe, attainable, steer
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.schema import one_line
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.rotation import body_z
 from dronecombat_jax.sim.scene import Scene

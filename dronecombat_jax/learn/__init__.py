@@ -1,1 +1,4 @@
-"""IPPO: networks, normalisation, the PPO update and one training iteration."""
+"""Proximal policy optimisation: networks, scalers, the rollout, one training iteration.
+
+What does not live here: opponents (`selfplay`), files, the loop over chunks (`runs`).
+"""

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn import ppo
 from dronecombat_jax.learn.networks import (
     forward,

@@ -5,7 +5,7 @@ import math
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.types import ACTION_SIZE, MLP, OBSERVATION_SIZE, Parameters
 
 # exp(r) - 1 - r over r^2, for |r| <= ln(2) / 2: the polynomial with the least largest error of exp (Remez), 3e-9.

@@ -10,7 +10,7 @@ from typing import Literal
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.config.fields import LearnConfig
 
 
 def generalized_advantages(

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import normalize
 from dronecombat_jax.types import ACTION_SIZE, NUM_AGENTS, EnvState, Learner, Policy, Scaler, StepOutput, Transition

@@ -1,7 +1,4 @@
-"""Figures, pictures, videos and replays made from what a run left behind.
-
-All of it is drawn into files: no figure asks which window or notebook MPLBACKEND names.
-"""
+"""Drawings alone: figures, tables, pages, pictures, films. Nothing here flies a fight or tests a hypothesis."""
 
 import contextlib
 import os

@@ -5,11 +5,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dronecombat_jax.arena.cyclic import CyclicShare
-from dronecombat_jax.arena.result import Entrant, TournamentResult, by_training
+from dronecombat_jax.analysis.cyclic import CyclicShare
+from dronecombat_jax.analysis.result import Entrant, TournamentResult, by_training
+from dronecombat_jax.analysis.study import ALL, Study
 from dronecombat_jax.report.figures import ROLE_COLOURS
 from dronecombat_jax.report.sheet import games, name, nothing, sheet
-from dronecombat_jax.report.study import ALL, Study
 from dronecombat_jax.types import ROLES
 
 

@@ -1,7 +1,7 @@
 """Learning curves from the records of `metrics.jsonl`.
 
 Defender blue, attacker orange, as in the scene; colours of Okabe and Ito, safe for the colour-blind.
-Thin lines are seeds, thick ones their mean. Reading and writing the records is `runs.metrics`.
+Thin lines are seeds, thick ones their mean. Reading and writing the records is `files.metrics`.
 """
 
 import io
@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from dronecombat_jax.errors import EXIT_DATA, UserError
-from dronecombat_jax.runs.atomic import cannot_write, write_atomic
+from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.types import ROLES
 
 MOST_POINTS = 200  # of one curve; longer runs are averaged in bins of equal numbers of iterations

@@ -7,10 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from dronecombat_jax.files.plain import Table, plain_value
 from dronecombat_jax.report.figures import ROLE_COLOURS
-from dronecombat_jax.report.plain import Table, plain_value
 from dronecombat_jax.report.sheet import common, mean_and_spread, name, sheet, time_axis
-from dronecombat_jax.runs.flights import Flown
+from dronecombat_jax.tournaments.flights import Flown
 from dronecombat_jax.types import ROLES
 
 STYLES = ("-", "--", ":", "-.")  # of the methods

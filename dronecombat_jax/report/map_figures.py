@@ -10,13 +10,13 @@ from matplotlib.image import AxesImage
 from matplotlib.ticker import EngFormatter
 from numpy.typing import NDArray
 
-from dronecombat_jax.arena.forgetting import RunMap, summarise_maps
-from dronecombat_jax.arena.result import Entrant, score_rate, showings
+from dronecombat_jax.analysis.forgetting import RunMap, summarise_maps
+from dronecombat_jax.analysis.map_tests import shown_defenders
+from dronecombat_jax.analysis.result import Entrant, score_rate, showings
+from dronecombat_jax.analysis.study import Study
 from dronecombat_jax.report.figures import ROLE_COLOURS
 from dronecombat_jax.report.sheet import MISSING, counted, games, name, nothing, own_games, sheet
-from dronecombat_jax.report.study import Study
 
-DEFENDERS_SHOWN = 10  # of the paper's figures 6 to 9
 MOST_TICKS = 7
 MOST_NAMED = 20  # entrants: above, the pilots share one name on the axis of the whole map
 SCORE_COLOURS = LinearSegmentedColormap.from_list(
@@ -78,11 +78,6 @@ def score_map(study: Study) -> Figure:
     ax.set_xlabel("attacker")
     ax.set_ylabel("defender")
     return figure
-
-
-def shown_defenders(size: int) -> NDArray[np.integer]:
-    """Ten of `size` checkpoints, evenly spaced, the first and the last among them."""
-    return np.unique(np.linspace(0, size - 1, min(DEFENDERS_SHOWN, size)).round().astype(int))
 
 
 def _maps(study: Study, title: str, foot: str, unit: str, colours: str, variance: bool) -> Figure:

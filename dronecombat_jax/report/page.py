@@ -6,7 +6,7 @@ from html import escape
 from pathlib import Path
 from typing import NamedTuple
 
-from dronecombat_jax.report.plain import Table, Value, one_line
+from dronecombat_jax.files.plain import Table, Value, one_line
 
 MOST_ROWS = 300  # of a table on the page; the file beside it has all
 STYLE = """

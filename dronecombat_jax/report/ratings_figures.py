@@ -7,9 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dronecombat_jax.arena.bradley_terry import PRIOR_SD
-from dronecombat_jax.arena.elo import K_FACTOR
-from dronecombat_jax.arena.result import Entrant, by_training
+from dronecombat_jax.analysis.bradley_terry import PRIOR_SD
+from dronecombat_jax.analysis.elo import K_FACTOR
+from dronecombat_jax.analysis.result import Entrant, by_training
+from dronecombat_jax.analysis.study import ELO_EPISODES, Study, own_elo_by_side
 from dronecombat_jax.report.figures import ROLE_COLOURS
 from dronecombat_jax.report.sheet import (
     GAUGE,
@@ -24,7 +25,6 @@ from dronecombat_jax.report.sheet import (
     time_axis,
     timelines_of,
 )
-from dronecombat_jax.report.study import ELO_EPISODES, Study, own_elo_by_side
 from dronecombat_jax.types import ROLES
 
 NO_TRAINING = "no trained entrant took part"

@@ -11,9 +11,9 @@ import numpy as np
 
 from dronecombat_jax.combat.env import ARENA_HALF_WIDTH
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.report.video import CAPTIONS, finite_part
-from dronecombat_jax.schema import one_line
 from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_AGENTS, ROLES, Cause, Outcome, Trajectory
 

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from dronecombat_jax.arena.result import Entrant, TournamentResult, by_training, showings
-from dronecombat_jax.report.gaps import seeds_of
-from dronecombat_jax.schema import one_line
+from dronecombat_jax.analysis.gaps import seeds_of
+from dronecombat_jax.analysis.result import Entrant, TournamentResult, by_training, showings
+from dronecombat_jax.config.schema import one_line
 
 # Of Okabe and Ito, without the blue and orange of the roles.
 METHOD_COLOURS = ("#009E73", "#CC79A7", "#E69F00", "#000000", "#56B4E9", "#9A8700")

@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from dronecombat_jax import rendering
+from dronecombat_jax.machine import rendering
 from dronecombat_jax.sim.scene import Scene
 
 ENLARGEMENT = 4.0  # of the drones in the arena view

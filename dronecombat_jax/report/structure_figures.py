@@ -4,7 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dronecombat_jax.arena.forgetting import Forgetting
+from dronecombat_jax.analysis.forgetting import Forgetting
+from dronecombat_jax.analysis.study import Memory, Study
 from dronecombat_jax.report.figures import OUTCOMES, Curves, draw_outcomes
 from dronecombat_jax.report.sheet import (
     colours,
@@ -18,7 +19,6 @@ from dronecombat_jax.report.sheet import (
     sheet,
     timelines_of,
 )
-from dronecombat_jax.report.study import Memory, Study
 from dronecombat_jax.types import ROLES, Cause
 
 NO_MAP = "no run played its own attackers"

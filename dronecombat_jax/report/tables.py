@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from dronecombat_jax.arena.design import BOUNDED, OPEN_ABOVE, OPEN_BELOW
-from dronecombat_jax.arena.forgetting import summarise_maps
-from dronecombat_jax.arena.result import score_rate, scores
-from dronecombat_jax.report.map_tests import map_tests
-from dronecombat_jax.report.plain import Table, plain_value, to_csv
+from dronecombat_jax.analysis.design import BOUNDED, OPEN_ABOVE, OPEN_BELOW
+from dronecombat_jax.analysis.forgetting import summarise_maps
+from dronecombat_jax.analysis.map_tests import map_tests
+from dronecombat_jax.analysis.result import score_rate, scores
+from dronecombat_jax.analysis.study import Study, own_elo_by_side
+from dronecombat_jax.files.plain import Table, plain_value, to_csv
 from dronecombat_jax.report.sheet import mean_and_spread, timelines_of
-from dronecombat_jax.report.study import Study, own_elo_by_side
 from dronecombat_jax.types import ROLES, Cause
 
 GAUGE = "Elo points; the mean over all entrants of both roles is 1500"

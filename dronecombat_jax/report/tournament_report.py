@@ -5,29 +5,27 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from dronecombat_jax.arena.panel import EVERY
-from dronecombat_jax.arena.result import TournamentResult
-from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
-from dronecombat_jax.report import map_tests
+from dronecombat_jax.analysis import map_tests
+from dronecombat_jax.analysis.gaps import seeds_of
+from dronecombat_jax.analysis.panel import EVERY
+from dronecombat_jax.analysis.result import TournamentResult
+from dronecombat_jax.analysis.study import Effort, Study, study
+from dronecombat_jax.analysis.verdict import judge
+from dronecombat_jax.analysis.verdict_text import verdict_json, verdict_text
+from dronecombat_jax.errors import UserError
+from dronecombat_jax.files.atomic import cannot_write, write_atomic
+from dronecombat_jax.files.plain import records, to_csv, to_json
 from dronecombat_jax.report.cyclic_figure import cyclic_discs
 from dronecombat_jax.report.figures import save_figure
 from dronecombat_jax.report.flight_figure import flight_over_time, flight_table
-from dronecombat_jax.report.gaps import seeds_of
 from dronecombat_jax.report.map_figures import score_map, variance_map, win_rate_map
 from dronecombat_jax.report.page import Picture, page
-from dronecombat_jax.report.plain import records, to_csv, to_json
 from dronecombat_jax.report.ratings_figures import elo_over_time, finals, ratings_over_time
 from dronecombat_jax.report.structure_figures import forgetting_profile, outcomes_over_time
-from dronecombat_jax.report.study import Effort, Study, study
 from dronecombat_jax.report.tables import score_matrix, tables
-from dronecombat_jax.report.verdict import judge
-from dronecombat_jax.report.verdict_text import verdict_json, verdict_text
-from dronecombat_jax.runs.atomic import cannot_write, write_atomic
-from dronecombat_jax.runs.flights import Flown, load_flights
-from dronecombat_jax.runs.grouping import as_compared
-from dronecombat_jax.runs.result_file import load_about, load_result
-from dronecombat_jax.schema import one_line
-from dronecombat_jax.settings import suggestion
+from dronecombat_jax.tournaments.flights import Flown, load_flights
+from dronecombat_jax.tournaments.grouping import as_compared
+from dronecombat_jax.tournaments.result_file import find_tournament, load_about, load_result
 
 FIGURES: dict[str, tuple[str, Callable[[Study], Figure], str]] = {  # file: heading, what draws it, what it shows
     "elo_over_time": ("Elo over training", elo_over_time, "As the paper's figures 4 and 5."),
@@ -58,17 +56,6 @@ def report(word: str, out: Path | None = None) -> int:
     files = write_report(result, out or folder / "report", title, notes, every=compared.every, flown=flown)
     print(f"written to {files[0]} and {len(files) - 1} files beside it")
     return 0
-
-
-def find_tournament(word: str, root: str = "tournaments") -> Path:
-    """A tournament's folder or result file: given by its path, or by its name in `root`. UserError 2 and 3."""
-    if not word:
-        raise UserError(f"TOURNAMENT is missing: a folder, a result file, or a name in {root}/", EXIT_CONFIG)
-    for path in (Path(word), Path(root, word)):
-        if path.exists():
-            return path
-    names = sorted(path.name for path in Path(root).iterdir()) if Path(root).is_dir() else []
-    raise UserError(f"{one_line(word)}: no such tournament; {suggestion(word, names)}", EXIT_DATA)
 
 
 def write_report(

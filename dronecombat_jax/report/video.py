@@ -16,10 +16,10 @@ import numpy as np
 from PIL import Image
 
 from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.report.animation import encode_gif, encode_webp
 from dronecombat_jax.report.caption import Caption, drawn_note
 from dronecombat_jax.report.stage import TARGET_COLOUR, TEAM_COLOURS, Stage
-from dronecombat_jax.runs.atomic import cannot_write, write_atomic
 from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Cause, Trajectory
 

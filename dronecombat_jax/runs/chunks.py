@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dronecombat_jax.config import Config
-from dronecombat_jax.runs import metrics
-from dronecombat_jax.runs.metrics import MetricsWriter, Record
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.files import metrics
+from dronecombat_jax.files.metrics import MetricsWriter, Record
 from dronecombat_jax.runs.records import ENDINGS
 from dronecombat_jax.types import ROLES, Outcome, SelfPlay
 

@@ -14,15 +14,15 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.files.atomic import write_atomic
+from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.learn.rollout import policy_of, select
-from dronecombat_jax.runs.atomic import write_atomic
-from dronecombat_jax.runs.policy import as_flown
+from dronecombat_jax.policies.file import as_flown
 from dronecombat_jax.runs.records import ENDINGS
 from dronecombat_jax.runs.resume import load_state, newest_start
-from dronecombat_jax.runs.rundir import RunDirectory
-from dronecombat_jax.schema import one_line
 from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, FightResult, Outcome, Policy, TrainState
 
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import jax
 
-from dronecombat_jax import settings
+from dronecombat_jax.config import settings
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
+from dronecombat_jax.files.rundir import RunDirectory
+from dronecombat_jax.policies.file import refuse_overwriting, save_policy
+from dronecombat_jax.policies.info import PolicyInfo
+from dronecombat_jax.policies.onnx import require_onnx, save_onnx
 from dronecombat_jax.runs.evaluation import SavedRun, load_run, policies
-from dronecombat_jax.runs.onnx_policy import require_onnx, save_onnx
-from dronecombat_jax.runs.policy import refuse_overwriting, save_policy
-from dronecombat_jax.runs.policy_info import PolicyInfo
 from dronecombat_jax.runs.provenance import package_version
-from dronecombat_jax.runs.rundir import RunDirectory
 from dronecombat_jax.types import ACTION_SIZE, DEFENDER, OBSERVATION_SIZE, ROLES, Policy
 
 

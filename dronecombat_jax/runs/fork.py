@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dronecombat_jax import settings
-from dronecombat_jax.config import Config
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
+from dronecombat_jax.files.arrays import flatten, leaves_of, match_template
+from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.runs.resume import (
     NO_CHANGE,
     Start,
@@ -18,8 +20,6 @@ from dronecombat_jax.runs.resume import (
     newest_start,
     restored_state,
 )
-from dronecombat_jax.runs.rundir import RunDirectory
-from dronecombat_jax.runs.state import flatten, leaves_of, match_template
 
 if TYPE_CHECKING:
     from dronecombat_jax.combat.env import Combat

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED, UserError
-from dronecombat_jax.runs.atomic import write_atomic
+from dronecombat_jax.files.arrays import flatten
+from dronecombat_jax.files.atomic import write_atomic
+from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.runs.records import learning_agents
-from dronecombat_jax.runs.rundir import RunDirectory
-from dronecombat_jax.runs.state import flatten
-from dronecombat_jax.schema import one_line
 from dronecombat_jax.types import NUM_AGENTS, ROLES, IterationMetrics
 
 DIVERGED_SHARE = 0.01  # of the environments, in one iteration

@@ -6,13 +6,13 @@ The first process has a keeper, any other has none: it computes its share and wr
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from types import TracebackType
 
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.errors import EXIT_DIVERGED, UserError
+from dronecombat_jax.files.metrics import MetricsWriter
+from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.runs.chunks import ChunkLog
 from dronecombat_jax.runs.guards import write_dump
-from dronecombat_jax.runs.metrics import MetricsWriter
 from dronecombat_jax.runs.records import progress_update, records
-from dronecombat_jax.runs.rundir import RunDirectory
 from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.types import IterationMetrics, TrainState
 

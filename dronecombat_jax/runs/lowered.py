@@ -21,10 +21,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecombat_jax import backend, processes, settings
-from dronecombat_jax.config import Config, RunConfig
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config, RunConfig
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.runs.atomic import write_atomic
+from dronecombat_jax.files.atomic import write_atomic
+from dronecombat_jax.machine import backend, processes
 
 if TYPE_CHECKING:
     import jax

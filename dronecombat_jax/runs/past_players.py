@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from dronecombat_jax.files import tensorfile
+from dronecombat_jax.files.arrays import Arrays, flatten, paths, unflatten
+from dronecombat_jax.files.atomic import cannot_write, write_atomic
+from dronecombat_jax.files.manifest import CheckpointError, Roster, state_digest
+from dronecombat_jax.files.tensorfile import PolicyError
 from dronecombat_jax.learn.rollout import policy_of
-from dronecombat_jax.runs import tensorfile
-from dronecombat_jax.runs.atomic import cannot_write, write_atomic
-from dronecombat_jax.runs.manifest import CheckpointError, Roster, state_digest
-from dronecombat_jax.runs.state import Arrays, flatten, paths, unflatten
-from dronecombat_jax.runs.tensorfile import PolicyError
 from dronecombat_jax.types import ROLES
 
 if TYPE_CHECKING:

@@ -3,9 +3,10 @@
 import time
 from typing import TYPE_CHECKING, Any
 
-from dronecombat_jax import preflight, processes
-from dronecombat_jax.config import Config
+from dronecombat_jax.config import devices
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
+from dronecombat_jax.machine import processes
 from dronecombat_jax.runs.lowered import compiled
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def seed_devices(config: Config) -> "jax.sharding.Mesh | None":
                 f"run.devices = {wanted}: the processes have {there}, all of which must take part", EXIT_CONFIG
             )
         wanted = there
-        if uneven := preflight.uneven_devices(config, there):
+        if uneven := devices.uneven_devices(config, there):
             raise UserError(uneven, EXIT_CONFIG)
-    seeds, environments = preflight.mesh_shape(config.train.num_seeds, wanted, there)
+    seeds, environments = devices.mesh_shape(config.train.num_seeds, wanted, there)
     return device_mesh(seeds, environments) if seeds * environments > 1 else None

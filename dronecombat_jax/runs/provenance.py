@@ -3,9 +3,9 @@
 from importlib import metadata
 from typing import Any
 
-from dronecombat_jax import settings
-from dronecombat_jax.config import Config
-from dronecombat_jax.runs.manifest import CheckpointError
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.files.manifest import CheckpointError
 from dronecombat_jax.runs.resume import Start
 
 

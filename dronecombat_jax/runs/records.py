@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.runs.progress import ProgressUpdate
 from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Cause, IterationMetrics, Outcome
 

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dronecombat_jax import settings
-from dronecombat_jax.config import Config
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.schema import shown
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
-from dronecombat_jax.runs import checkpoint, metrics
-from dronecombat_jax.runs.manifest import CheckpointError, Manifest, Roster
-from dronecombat_jax.runs.rundir import RunDirectory
-from dronecombat_jax.runs.state import Arrays
-from dronecombat_jax.schema import shown
+from dronecombat_jax.files import checkpoint, metrics
+from dronecombat_jax.files.arrays import Arrays
+from dronecombat_jax.files.manifest import CheckpointError, Manifest, Roster
+from dronecombat_jax.files.rundir import RunDirectory
 
 if TYPE_CHECKING:
     from dronecombat_jax.combat.env import Combat

@@ -2,17 +2,17 @@
 
 from typing import Any
 
-from dronecombat_jax import settings
-from dronecombat_jax.config import Config
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.estimates import KEPT_ANYWAY, keep_rule
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, UserError
-from dronecombat_jax.preflight import KEPT_ANYWAY, keep_rule
-from dronecombat_jax.runs import checkpoint
-from dronecombat_jax.runs.atomic import write_atomic
-from dronecombat_jax.runs.claim import rescue_run, still_there
+from dronecombat_jax.files import checkpoint
+from dronecombat_jax.files.atomic import write_atomic
+from dronecombat_jax.files.claim import rescue_run, still_there
+from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.runs.past_players import Players, filled_slots
 from dronecombat_jax.runs.progress import Progress
 from dronecombat_jax.runs.provenance import describe
-from dronecombat_jax.runs.rundir import RunDirectory
 
 
 class Saver:

@@ -11,21 +11,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dronecombat_jax import preflight, processes, settings
-from dronecombat_jax.config import Config
+from dronecombat_jax.config import estimates, settings
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED, UserError
+from dronecombat_jax.files.atomic import write_atomic
+from dronecombat_jax.files.claim import claim_run
+from dronecombat_jax.files.metrics import truncate_after
+from dronecombat_jax.files.rundir import RunDirectory, run_path
+from dronecombat_jax.machine import processes
 from dronecombat_jax.runs import fork
-from dronecombat_jax.runs.atomic import write_atomic
-from dronecombat_jax.runs.claim import claim_run
 from dronecombat_jax.runs.guards import Watch, device_errors
 from dronecombat_jax.runs.keeper import Keeper, timed
 from dronecombat_jax.runs.lowered import compiled
-from dronecombat_jax.runs.metrics import truncate_after
 from dronecombat_jax.runs.program import call_iterations, flight_seconds, seed_devices
 from dronecombat_jax.runs.progress import Progress, make_progress
 from dronecombat_jax.runs.provenance import check_meta
 from dronecombat_jax.runs.resume import Start, find_start, restored_state
-from dronecombat_jax.runs.rundir import RunDirectory, run_path
 from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.runs.signals import StopFlag, stop_signals
 
@@ -90,7 +91,7 @@ def _begin(stack: ExitStack, config: Config, fork_of: str | None, chunk: int | N
 
 
 def _greet(run: RunDirectory, config: Config, start: Start | None) -> None:
-    from dronecombat_jax import backend
+    from dronecombat_jax.machine import backend
 
     print("\n".join(backend.banner()))
     planned = config.num_chunks * config.steps_per_chunk
@@ -98,8 +99,8 @@ def _greet(run: RunDirectory, config: Config, start: Start | None) -> None:
         f"run {run.path}: {config.train.num_seeds} seed(s) x {planned:,} environment steps "
         f"({config.num_chunks} chunks of {config.steps_per_chunk:,}), {config.train.num_envs} environments"
     )
-    disk = preflight.estimated_disk_bytes(config)
-    print(f"disk: about {preflight.bytes_in_words(disk)} by its end (run.keep = {config.run.keep!r})", flush=True)
+    disk = estimates.estimated_disk_bytes(config)
+    print(f"disk: about {estimates.bytes_in_words(disk)} by its end (run.keep = {config.run.keep!r})", flush=True)
     if start is None:
         return
     done = f"{start.iteration * config.steps_per_iteration:,} environment steps per seed"

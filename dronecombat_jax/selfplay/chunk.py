@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.learn.ippo import init_learner, learn_from, without
 from dronecombat_jax.learn.rollout import Policies, collect
 from dronecombat_jax.learn.sharding import along_environments

@@ -10,7 +10,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.config import Config, SelfPlayConfig
+from dronecombat_jax.config.fields import Config, SelfPlayConfig
 from dronecombat_jax.learn.rollout import Policies, policy_of, select
 from dronecombat_jax.selfplay.samplers import SAMPLERS, Members
 from dronecombat_jax.types import (

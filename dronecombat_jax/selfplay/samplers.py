@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.config import SelfPlayConfig
+from dronecombat_jax.config.fields import SelfPlayConfig
 
 
 class Members(NamedTuple):

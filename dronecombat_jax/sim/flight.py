@@ -8,7 +8,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.sim.fluid import Drag, drags
 from dronecombat_jax.sim.physics import build_physics
 from dronecombat_jax.sim.rotation import body_z, rotate, rotate_inverse

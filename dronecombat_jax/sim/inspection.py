@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.sim.flown import ALIGNED, DRONES, Body
 from dronecombat_jax.sim.fluid import box
 from dronecombat_jax.sim.scene import load_scene

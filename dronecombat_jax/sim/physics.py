@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import mujoco
 
-from dronecombat_jax.backend import import_mjx
+from dronecombat_jax.machine.backend import import_mjx
 from dronecombat_jax.sim.scene import Scene
 
 Physics = Callable[[jax.Array, jax.Array, jax.Array], tuple[jax.Array, jax.Array]]

@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.sim import mjcf, own_drone
 from dronecombat_jax.sim.flown import ALIGNED, DRONES, Flown, rigid_bodies
 from dronecombat_jax.sim.source import (

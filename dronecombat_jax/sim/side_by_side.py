@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.sim.flight import build_step, split
 from dronecombat_jax.sim.flown import DRONES
 from dronecombat_jax.sim.scene import Scene

@@ -13,7 +13,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim import mjcf, own_drone
 from dronecombat_jax.sim.flown import BODIES, DRONES, Body, Flown, set_inertial

@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim.flown import DRONES, Flown
 from dronecombat_jax.sim.written import name_of

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from toy import UNOPTIMISED, Coasting
 
-from dronecombat_jax import backend
-from dronecombat_jax.config import Config, GameConfig
+from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.errors import UserError
+from dronecombat_jax.machine import backend
 from dronecombat_jax.types import ATTACKER, DEFENDER, EnvState
 
 backend.import_mjx()  # brax imports it, and lets it print to stdout

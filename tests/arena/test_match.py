@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dronecombat_jax.arena.match import fight, policy_pilot, record, start_fights, trajectory
-from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.types import ATTACKER, DEFENDER, MLP, Cause, EnvState, FightRecord, FightResult, Policy, Scaler
 
 LEFT = 30  # control steps to the time-out of every fight but the last

@@ -10,7 +10,7 @@ import pytest
 from dronecombat_jax.arena.match import fight, start_fights
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import PILOTS, build_pilot, one_per_fight
-from dronecombat_jax.config import Config, GameConfig
+from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Cause
 
 FIGHTS = 32  # per pair

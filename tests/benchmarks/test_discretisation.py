@@ -16,7 +16,7 @@ from benchmarks.discretisation import (
     spread,
     tumbles,
 )
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.sim.scene import load_scene
 
 SIM = SimConfig()

@@ -10,7 +10,7 @@ from benchmarks import scaling, start, throughput, worker
 from benchmarks.ceilings import contraction, products
 from benchmarks.size import TINY
 from benchmarks.tables import markdown
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 PROMISED = {"schema", "date", "commit", "machine", "versions", "environment", "size", "cold", "repetitions"}
 PROMISED |= {"parts", "rounds", "rates", "floors", "ratios", "split", "load", "seconds"}

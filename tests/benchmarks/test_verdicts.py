@@ -12,9 +12,9 @@ from benchmarks.verdicts import (
     simulate,
     tournament,
 )
-from dronecombat_jax.arena.compare import compare_methods, welch
-from dronecombat_jax.arena.panel import away_panel, fill_home, mean_scores
-from dronecombat_jax.arena.permutation import permutation_test
+from dronecombat_jax.analysis.compare import compare_methods, welch
+from dronecombat_jax.analysis.panel import away_panel, fill_home, mean_scores
+from dronecombat_jax.analysis.permutation import permutation_test
 
 COMPARISONS, SEEDS, FIGHTS = 800, 8, 50  # a share of 0.05 of 800 has a standard deviation of 0.008
 NAMES = [one.name for one in SITUATIONS]

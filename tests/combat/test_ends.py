@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import Config, GameConfig
+from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.types import Cause, EnvState
 
 HOVER = (2.0 / 1.9 - 1.0, 0.0, 0.0, 0.0)

@@ -9,7 +9,7 @@ import pytest
 from jax.errors import KeyReuseError
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import Config, GameConfig, TrainConfig
+from dronecombat_jax.config.fields import Config, GameConfig, TrainConfig
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, EnvState
 
 NEVER = np.zeros(1000, bool)  # alone

@@ -7,10 +7,10 @@ import shutil
 import pytest
 from drones import SMALL, write
 
-from dronecombat_jax import settings
 from dronecombat_jax.combat import fingerprint
 from dronecombat_jax.combat.fingerprint import environment, environment_diff, environment_digest, observation_fields
-from dronecombat_jax.config import Config, GameConfig, LearnConfig, RewardConfig, SimConfig, TrainConfig
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config, GameConfig, LearnConfig, RewardConfig, SimConfig, TrainConfig
 from dronecombat_jax.sim import source
 from dronecombat_jax.sim.flown import package_scene
 from dronecombat_jax.sim.scene import load_scene

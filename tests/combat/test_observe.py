@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dronecombat_jax.combat.observe import LAYOUT, observe_ego, observe_world
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.scene import load_scene
 from dronecombat_jax.types import OBSERVATION_SIZE, Drones

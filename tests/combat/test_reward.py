@@ -7,7 +7,7 @@ import pytest
 
 from dronecombat_jax.combat.reward import reward_terms, total
 from dronecombat_jax.combat.rules import Events
-from dronecombat_jax.config import Config, GameConfig, RewardConfig
+from dronecombat_jax.config.fields import Config, GameConfig, RewardConfig
 from dronecombat_jax.types import Cause, Drones, RewardTerms
 
 # |p_d - p_a| = 3, |p_a - p_t| = 5; |v|^2 = 9 and 4; |w|^2 = 25 and 100.

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dronecombat_jax.combat.rules import closest_approach, detect, judge, outcome_table, timeout_decides
-from dronecombat_jax.config import GameConfig
+from dronecombat_jax.config.fields import GameConfig
 from dronecombat_jax.types import Cause, Outcome
 
 CRASH_RULES = ("ends", "out", "grounded")

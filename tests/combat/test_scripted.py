@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dronecombat_jax.combat import autopilot, scripted
-from dronecombat_jax.config import Config, SimConfig
+from dronecombat_jax.config.fields import Config, SimConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, EnvState
 

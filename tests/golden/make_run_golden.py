@@ -2,13 +2,13 @@
 
     python tests/golden/make_run_golden.py
 
-A golden file is made once for each format (`runs.manifest.SCHEMA`) and kept: later versions must read it.
+A golden file is made once for each format (`files.manifest.SCHEMA`) and kept: later versions must read it.
 """
 
 import json
 from pathlib import Path
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 backend.prepare("cpu")
 
@@ -16,11 +16,11 @@ import jax  # noqa: E402 - after prepare
 import numpy as np  # noqa: E402
 
 from dronecombat_jax.combat.env import Combat  # noqa: E402
-from dronecombat_jax.config import Config, LearnConfig, SelfPlayConfig, TrainConfig  # noqa: E402
+from dronecombat_jax.config.fields import Config, LearnConfig, SelfPlayConfig, TrainConfig  # noqa: E402
+from dronecombat_jax.files import checkpoint  # noqa: E402
+from dronecombat_jax.files.manifest import SCHEMA  # noqa: E402
 from dronecombat_jax.learn.rollout import policy_mean  # noqa: E402
-from dronecombat_jax.runs import checkpoint  # noqa: E402
 from dronecombat_jax.runs.evaluation import load_run, policies  # noqa: E402
-from dronecombat_jax.runs.manifest import SCHEMA  # noqa: E402
 from dronecombat_jax.runs.past_players import Players, filled_slots  # noqa: E402
 from dronecombat_jax.runs.provenance import describe  # noqa: E402
 from dronecombat_jax.selfplay.chunk import init_state  # noqa: E402

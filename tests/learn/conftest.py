@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from dronecombat_jax.config import Config
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.types import Cause, EnvState, RewardTerms, StepOutput
 
 

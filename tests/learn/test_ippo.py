@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dronecombat_jax.config import Config, LearnConfig, TrainConfig
+from dronecombat_jax.config.fields import Config, LearnConfig, TrainConfig
 from dronecombat_jax.learn.ippo import cut, estimate_values, init_learner, learn_from
 from dronecombat_jax.learn.networks import forward
 from dronecombat_jax.learn.normalize import denormalize, init_scaler, update_scaler

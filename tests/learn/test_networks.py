@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn.networks import (
     elu,
     forward,

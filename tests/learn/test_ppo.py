@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn import ppo
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "skrl_update.npz"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dronecombat_jax.config import Config, LearnConfig
+from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.learn.ippo import init_learner
 from dronecombat_jax.learn.networks import gaussian_log_prob, project_log_std
 from dronecombat_jax.learn.rollout import act, collect, policy_mean, policy_of, select

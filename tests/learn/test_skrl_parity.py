@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dronecombat_jax.config import LearnConfig
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn.ippo import optimize, optimizer, prepare_batch
 from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import denormalize, init_scaler

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import Config, GameConfig, LearnConfig, RewardConfig, TrainConfig
+from dronecombat_jax.config.fields import Config, GameConfig, LearnConfig, RewardConfig, TrainConfig
 from dronecombat_jax.selfplay.chunk import build_advance, init_state
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause
 

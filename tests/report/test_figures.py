@@ -33,7 +33,9 @@ def record(seed: int, iteration: int, episodes: int, reached: float | None, **mo
 DRAW = """
 import json, sys
 from pathlib import Path
-from dronecombat_jax.report import comparison, figures, finish, tournament_report
+from dronecombat_jax.tournaments import comparison
+from dronecombat_jax.report import figures, tournament_report
+from dronecombat_jax.watch import finish
 import matplotlib
 figures.learning_curves(json.loads(sys.argv[1]), Path(sys.argv[2]), "title")
 chosen = dict.__getitem__(matplotlib.rcParams, "backend")

@@ -4,8 +4,8 @@ import numpy as np
 from flown import rows as rows_of
 from matplotlib.text import Text
 
+from dronecombat_jax.files.plain import records
 from dronecombat_jax.report.flight_figure import PANELS, flight_over_time, flight_table
-from dronecombat_jax.report.plain import records
 
 
 def test_every_panel_has_a_line_a_method_and_role_over_the_chunks_of_all_seeds():

@@ -10,7 +10,7 @@ from browser import Tab, chromium
 from duels import RULES, fights
 from PIL import Image
 
-from dronecombat_jax.report.replay import Replay
+from dronecombat_jax.watch.replay import Replay
 
 HOSTILE = "</script><script>alert(1)</script>"
 WIDE, PHONE = (1280, 800), (390, 844)

@@ -8,9 +8,9 @@ from html.parser import HTMLParser
 import pytest
 from duels import RULES, fights
 
-from dronecombat_jax.report.replay import Replay
 from dronecombat_jax.report.replay_data import Fight, replay_data
 from dronecombat_jax.report.replay_page import cell, page, script
+from dronecombat_jax.watch.replay import Replay
 
 HOSTILE = "</script><script>alert(1)</script><!-- <b>&'\"\u2028"
 

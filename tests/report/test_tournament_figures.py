@@ -7,10 +7,11 @@ from matplotlib.text import Text
 from planted import planted
 from tournaments import build, entrants, from_letters
 
-from dronecombat_jax.arena.result import SCRIPTED, Alias, Entrant, TournamentResult, select
-from dronecombat_jax.report.map_figures import shown_defenders, variance_map, win_rate_map
+from dronecombat_jax.analysis.map_tests import shown_defenders
+from dronecombat_jax.analysis.result import SCRIPTED, Alias, Entrant, TournamentResult, select
+from dronecombat_jax.analysis.study import Effort, study
+from dronecombat_jax.report.map_figures import variance_map, win_rate_map
 from dronecombat_jax.report.sheet import MISSING, common, mean_and_spread, name, timelines_of
-from dronecombat_jax.report.study import Effort, study
 from dronecombat_jax.report.tournament_report import FIGURES
 from dronecombat_jax.types import Cause
 

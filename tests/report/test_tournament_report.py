@@ -10,10 +10,10 @@ import pytest
 from planted import planted
 from tournaments import build, entrants
 
+from dronecombat_jax.analysis.study import Effort, study
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, UserError
+from dronecombat_jax.files.plain import Table, records, to_csv, to_json
 from dronecombat_jax.report.page import Picture, page
-from dronecombat_jax.report.plain import Table, records, to_csv, to_json
-from dronecombat_jax.report.study import Effort, study
 from dronecombat_jax.report.tables import tables
 from dronecombat_jax.report.tournament_report import FIGURES, write_report
 from dronecombat_jax.types import Cause

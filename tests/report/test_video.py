@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dronecombat_jax import rendering
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
+from dronecombat_jax.machine import rendering
 from dronecombat_jax.report import video
 from dronecombat_jax.report.animation import encode_gif, encode_webp
 from dronecombat_jax.report.stage import Stage

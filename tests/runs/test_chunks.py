@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dronecombat_jax.config import Config, SelfPlayConfig, TrainConfig
+from dronecombat_jax.config.fields import Config, SelfPlayConfig, TrainConfig
+from dronecombat_jax.files.metrics import MetricsWriter, read
 from dronecombat_jax.runs.chunks import ChunkLog, met, summary
-from dronecombat_jax.runs.metrics import MetricsWriter, read
 from dronecombat_jax.types import Cause
 
 CONFIG = Config(

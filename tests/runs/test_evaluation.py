@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dronecombat_jax import cli, settings
+from dronecombat_jax.cli import commands as cli
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import (
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import (
     Config,
     GameConfig,
     LearnConfig,
@@ -19,7 +20,8 @@ from dronecombat_jax.config import (
     TrainConfig,
 )
 from dronecombat_jax.errors import EXIT_DATA, UserError
-from dronecombat_jax.runs import checkpoint, evaluation
+from dronecombat_jax.files import checkpoint
+from dronecombat_jax.runs import evaluation
 from dronecombat_jax.runs.evaluation import Match, _wilson, file_name, load_run, play, summary
 from dronecombat_jax.selfplay.chunk import init_state
 from dronecombat_jax.types import Cause, FightResult

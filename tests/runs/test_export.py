@@ -10,20 +10,21 @@ import numpy as np
 import pytest
 from policies import observations
 
-from dronecombat_jax import cli, settings
 from dronecombat_jax.arena.match import policy_pilot
+from dronecombat_jax.cli import commands as cli
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import environment, environment_digest
-from dronecombat_jax.config import Config, GameConfig, LearnConfig, TrainConfig
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config, GameConfig, LearnConfig, TrainConfig
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_DATA, UserError
+from dronecombat_jax.files import checkpoint
 from dronecombat_jax.learn.rollout import policy_mean, policy_of
-from dronecombat_jax.runs import checkpoint
-from dronecombat_jax.runs.contenders import find, identity_of
+from dronecombat_jax.policies.file import load_policy, require_environment
+from dronecombat_jax.policies.numpy_policy import NumpyPolicy
 from dronecombat_jax.runs.evaluation import load_run, policies
-from dronecombat_jax.runs.numpy_policy import NumpyPolicy
-from dronecombat_jax.runs.policy import load_policy, require_environment
 from dronecombat_jax.runs.provenance import describe
 from dronecombat_jax.selfplay.chunk import init_state
+from dronecombat_jax.tournaments.contenders import find, identity_of
 from dronecombat_jax.types import Policy
 
 KEY = jax.random.key(0)

@@ -9,13 +9,14 @@ import pytest
 from drones import write
 from toy import CHUNK, CONFIG, Coasting, assert_same_bits
 
-from dronecombat_jax.config import Config, SelfPlayConfig
+from dronecombat_jax.config.fields import Config, SelfPlayConfig
+from dronecombat_jax.config.schema import shown
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
-from dronecombat_jax.runs import checkpoint, fork
+from dronecombat_jax.files import checkpoint
+from dronecombat_jax.files.rundir import RunDirectory
+from dronecombat_jax.runs import fork
 from dronecombat_jax.runs.provenance import describe
 from dronecombat_jax.runs.resume import Start
-from dronecombat_jax.runs.rundir import RunDirectory
-from dronecombat_jax.schema import shown
 from dronecombat_jax.selfplay.chunk import init_state
 from dronecombat_jax.types import TrainState
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.files.manifest import SCHEMA
+from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.learn.rollout import policy_mean
 from dronecombat_jax.runs.evaluation import load_run, policies
-from dronecombat_jax.runs.manifest import SCHEMA
 from dronecombat_jax.runs.resume import find_start, restored_state
-from dronecombat_jax.runs.rundir import RunDirectory
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from tiny import CHUNK, COMMAND, ENVIRONMENT, STEPS
 
-from dronecombat_jax import cli
-from dronecombat_jax.runs import checkpoint, metrics
+from dronecombat_jax.cli import commands as cli
+from dronecombat_jax.files import checkpoint, metrics
 
 CHUNKS, KILLS = 90, 20
 METHODS = {"ippo": (), "sippo": ("--selfplay.probability", "0.5", "--selfplay.roles", "both")}
@@ -18,11 +18,13 @@ METHODS = {"ippo": (), "sippo": ("--selfplay.probability", "0.5", "--selfplay.ro
 KILLER = """
 import os, random, signal, sys, time
 from pathlib import Path
-from dronecombat_jax import backend, settings
+from dronecombat_jax.machine import backend
+from dronecombat_jax.config import settings
 backend.prepare("cpu")
 import orbax.checkpoint
 from dronecombat_jax.combat import env, fingerprint
-from dronecombat_jax.runs import checkpoint, training
+from dronecombat_jax.files import checkpoint
+from dronecombat_jax.runs import training
 from dronecombat_jax.selfplay import chunk
 backend.import_mjx()
 

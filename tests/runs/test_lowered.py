@@ -13,9 +13,10 @@ import toy
 from drones import write
 from meshes import never
 
-from dronecombat_jax import __main__, cli
+from dronecombat_jax import __main__
+from dronecombat_jax.cli import commands as cli
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import RunConfig, SelfPlayConfig
+from dronecombat_jax.config.fields import RunConfig, SelfPlayConfig
 from dronecombat_jax.runs import lowered, signals
 from dronecombat_jax.selfplay.chunk import build_advance, init_state
 from dronecombat_jax.selfplay.mesh import place

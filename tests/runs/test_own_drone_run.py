@@ -8,7 +8,7 @@ from drones import SMALL, write
 from tiny import finish, train
 
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA
-from dronecombat_jax.runs import checkpoint
+from dronecombat_jax.files import checkpoint
 
 
 @pytest.mark.slow

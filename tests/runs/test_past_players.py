@@ -10,15 +10,15 @@ import pytest
 from saved_runs import _random
 from toy import CONFIG, Coasting, assert_same_bits
 
-from dronecombat_jax.config import Config, SelfPlayConfig
+from dronecombat_jax.config.fields import Config, SelfPlayConfig
 from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.files import checkpoint
+from dronecombat_jax.files.manifest import CheckpointError
+from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.learn.rollout import policy_of
-from dronecombat_jax.runs import checkpoint
-from dronecombat_jax.runs.manifest import CheckpointError
 from dronecombat_jax.runs.past_players import Players, emptied, filled_slots
 from dronecombat_jax.runs.provenance import describe
 from dronecombat_jax.runs.resume import find_start, load_state
-from dronecombat_jax.runs.rundir import RunDirectory
 from dronecombat_jax.selfplay.chunk import init_state
 from dronecombat_jax.types import TrainState
 

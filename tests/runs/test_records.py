@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dronecombat_jax.config import Config, GameConfig, LearnConfig, TrainConfig
-from dronecombat_jax.runs.metrics import MetricsWriter, read
+from dronecombat_jax.config.fields import Config, GameConfig, LearnConfig, TrainConfig
+from dronecombat_jax.files.metrics import MetricsWriter, read
 from dronecombat_jax.runs.records import progress_update, records
 from dronecombat_jax.types import ROLES, Cause, IterationMetrics, RewardTerms, UpdateMetrics
 

@@ -15,19 +15,20 @@ import pytest
 from drones import SMALL, write
 from toy import CHUNK, CONFIG, Coasting, assert_same_bits, build
 
-from dronecombat_jax import settings
 from dronecombat_jax.combat.fingerprint import digest_of, environment
-from dronecombat_jax.config import Config, SelfPlayConfig, SimConfig
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config, SelfPlayConfig, SimConfig
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
-from dronecombat_jax.runs import checkpoint, provenance
+from dronecombat_jax.files import checkpoint
+from dronecombat_jax.files.arrays import flatten, match_template
+from dronecombat_jax.files.manifest import CheckpointError, Manifest, state_digest
+from dronecombat_jax.files.rundir import RunDirectory
+from dronecombat_jax.runs import provenance
 from dronecombat_jax.runs.evaluation import load_run
-from dronecombat_jax.runs.manifest import CheckpointError, Manifest, state_digest
 from dronecombat_jax.runs.past_players import Players, emptied, filled_slots
 from dronecombat_jax.runs.provenance import check_meta, describe
 from dronecombat_jax.runs.resume import Start, find_start, read_start, restored_state
-from dronecombat_jax.runs.rundir import RunDirectory
 from dronecombat_jax.runs.saving import Saver
-from dronecombat_jax.runs.state import flatten, match_template
 from dronecombat_jax.selfplay.chunk import init_state
 from dronecombat_jax.sim import source
 from dronecombat_jax.sim.scene import load_scene

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from tiny import CHUNK, STEPS, finish, interrupt, train, train_together
 
-from dronecombat_jax import processes, settings
+from dronecombat_jax.config import settings
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_STOPPED, UserError
-from dronecombat_jax.runs import checkpoint, metrics, training
+from dronecombat_jax.files import checkpoint, metrics
+from dronecombat_jax.machine import processes
+from dronecombat_jax.runs import training
 
 LAST = 8 * CHUNK
 # One seed, whose environments are shared: every gradient step is a sum over both processes.

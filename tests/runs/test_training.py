@@ -14,9 +14,11 @@ from saved_runs import newest
 from tiny import CHUNK, COMMAND, STEPS, finish, interrupt, kill_while_compiling
 from tiny import train as begin
 
-from dronecombat_jax import cli, preflight, settings
+from dronecombat_jax.cli import commands as cli
+from dronecombat_jax.config import estimates, settings
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED
-from dronecombat_jax.runs import checkpoint, metrics, training
+from dronecombat_jax.files import checkpoint, metrics
+from dronecombat_jax.runs import training
 
 CHUNKS = 16
 LENGTH = ("--steps", str(CHUNKS * CHUNK * STEPS))
@@ -74,7 +76,7 @@ def test_a_training_leaves_its_files_and_complete_metrics(whole):
 def test_the_disk_estimate_is_what_a_run_leaves_behind(whole):
     """From below, and not by much, even at a size where tables and logs are most of it."""
     left = sum(path.stat().st_size for path in whole.path.rglob("*") if path.is_file())
-    assert 0.5 < preflight.estimated_disk_bytes(whole.config) / left < 1.1
+    assert 0.5 < estimates.estimated_disk_bytes(whole.config) / left < 1.1
 
 
 def test_the_same_command_again_has_nothing_to_do(whole, capsys):

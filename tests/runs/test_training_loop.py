@@ -16,8 +16,8 @@ import pytest
 from flax import struct
 from saved_runs import newest
 
-from dronecombat_jax import settings
-from dronecombat_jax.config import Config, LearnConfig, RunConfig, TrainConfig
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config, LearnConfig, RunConfig, TrainConfig
 from dronecombat_jax.errors import (
     EXIT_CANNOT_WRITE,
     EXIT_CONFIG,
@@ -26,8 +26,9 @@ from dronecombat_jax.errors import (
     EXIT_STOPPED,
     UserError,
 )
-from dronecombat_jax.runs import checkpoint, metrics, training
-from dronecombat_jax.runs.atomic import cannot_write
+from dronecombat_jax.files import checkpoint, metrics
+from dronecombat_jax.files.atomic import cannot_write
+from dronecombat_jax.runs import training
 from dronecombat_jax.types import Cause, IterationMetrics, RewardTerms, UpdateMetrics
 
 TOY = Config(

@@ -14,7 +14,7 @@ import pytest
 from toy import CHUNK, CONFIG, agent, assert_same_bits, build, differs
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import Config, LearnConfig
+from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.selfplay.chunk import begin_chunk, build_advance, init_state, reset_fights, waits
 from dronecombat_jax.types import ATTACKER, DEFENDER, TrainState
 

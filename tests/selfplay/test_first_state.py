@@ -7,10 +7,10 @@ import pytest
 
 CALLS = 300
 PROGRAM = f"""
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 backend.prepare("cpu")
 import jax
-from dronecombat_jax import settings
+from dronecombat_jax.config import settings
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.selfplay.chunk import init_state
 combat = Combat(settings.load("duel", {{}}))

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from toy import CHUNK, CONFIG, UNOPTIMISED, agent, assert_same_bits, build, differs
 
-from dronecombat_jax.config import Config, LearnConfig, SelfPlayConfig, TrainConfig
+from dronecombat_jax.config.fields import Config, LearnConfig, SelfPlayConfig, TrainConfig
 from dronecombat_jax.learn.ippo import init_learner
 from dronecombat_jax.learn.rollout import act, policy_of, select
 from dronecombat_jax.selfplay.pool import (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dronecombat_jax.config import SelfPlayConfig
+from dronecombat_jax.config.fields import SelfPlayConfig
 from dronecombat_jax.selfplay.pool import draw
 from dronecombat_jax.selfplay.samplers import SAMPLERS, Members
 from dronecombat_jax.types import Pool

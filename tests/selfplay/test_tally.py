@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from toy import CONFIG, build
 
-from dronecombat_jax.config import SelfPlayConfig
+from dronecombat_jax.config.fields import SelfPlayConfig
 from dronecombat_jax.selfplay import tally
 from dronecombat_jax.selfplay.pool import NOBODY, met
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, SelfPlay

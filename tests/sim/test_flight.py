@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.sim.flight import build_step, hover_command, limit_rate, skew, solve_3x3, split, wrench
 from dronecombat_jax.sim.scene import Scene, load_scene
 

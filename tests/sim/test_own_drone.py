@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from drones import BIG, SMALL, write
 
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.sim.scene import Scene, load_scene
 from dronecombat_jax.sim.side_by_side import differences

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from drones import BIG, write
 
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.sim import physics
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.flown import BODIES

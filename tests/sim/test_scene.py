@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from dronecombat_jax.config import SimConfig
+from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.sim import source
 from dronecombat_jax.sim.flown import BODIES, DRONES

@@ -2,7 +2,7 @@
 
 import math
 
-from dronecombat_jax.runs.flights import Flown
+from dronecombat_jax.tournaments.flights import Flown
 
 
 def rows(chunks: int) -> list[Flown]:

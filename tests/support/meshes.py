@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from dronecombat_jax import backend
+from dronecombat_jax.machine import backend
 
 MESHES = ((1, 1), (2, 1), (1, 2), (1, 4), (2, 2))
 TOGETHER = ((1, 1), (1, 2))
@@ -35,9 +35,9 @@ def main(folder: Path) -> None:
     import jax
     from toy import CONFIG, UNOPTIMISED, Coasting
 
-    from dronecombat_jax.config import SelfPlayConfig
+    from dronecombat_jax.config.fields import SelfPlayConfig
+    from dronecombat_jax.files.arrays import flatten
     from dronecombat_jax.runs import lowered
-    from dronecombat_jax.runs.state import flatten
     from dronecombat_jax.selfplay.chunk import build_advance, build_flight, init_state
     from dronecombat_jax.selfplay.mesh import device_mesh, jitted, place
 

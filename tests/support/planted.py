@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import expit
 from tournaments import build, entrants
 
-from dronecombat_jax.arena.result import TournamentResult
+from dronecombat_jax.analysis.result import TournamentResult
 from dronecombat_jax.types import Cause
 
 METHODS = ("ippo", "s-ippo")

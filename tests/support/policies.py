@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from dronecombat_jax.combat.fingerprint import environment
-from dronecombat_jax.config import Config
-from dronecombat_jax.runs.policy_info import PolicyInfo
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.policies.info import PolicyInfo
 from dronecombat_jax.types import MLP, Policy, Scaler
 
 SIZES = (35, 16, 8, 4)

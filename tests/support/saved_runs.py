@@ -8,8 +8,8 @@ import jax
 import numpy as np
 from toy import CONFIG, Coasting
 
-from dronecombat_jax.config import Config
-from dronecombat_jax.runs import checkpoint
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.files import checkpoint
 from dronecombat_jax.runs.provenance import describe
 from dronecombat_jax.selfplay.chunk import init_state
 

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from dronecombat_jax.arena.result import SCRIPTED, Entrant, TournamentResult, tournament_result
+from dronecombat_jax.analysis.result import SCRIPTED, Entrant, TournamentResult, tournament_result
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.config import GameConfig
+from dronecombat_jax.config.fields import GameConfig
 from dronecombat_jax.types import Cause
 
 WINNER = outcome_table(GameConfig())

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import Config, GameConfig, LearnConfig, TrainConfig
+from dronecombat_jax.config.fields import Config, GameConfig, LearnConfig, TrainConfig
 from dronecombat_jax.selfplay.chunk import build_advance, init_state
 from dronecombat_jax.types import TrainState
 

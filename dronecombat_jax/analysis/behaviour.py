@@ -1,0 +1,90 @@
+"""How fights end and how they are flown, beside who wins them."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecombat_jax.analysis.result import TournamentResult
+from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, FightRecord
+
+
+class Endings(NamedTuple):
+    """How one side's entrants' fights end; N is D or A."""
+
+    share: NDArray[np.float64]  # [N, C] of the played fights, by `Cause`; NaN for an entrant that played none
+    fights: NDArray[np.integer]  # [N]
+    time: NDArray[np.float64]  # [N, C] mean time to that end, s; NaN where it did not happen
+    duration: NDArray[np.float64]  # [N, 3] quartiles of the duration of all fights, s
+
+
+class Flight(NamedTuple):
+    """How E recorded fights were flown; A is defender, attacker."""
+
+    time: NDArray[np.float64]  # [E] s, to the end
+    closing_speed: NDArray[np.float64]  # [E] m/s, at which the drones' distance shrinks at the end
+    approach_angle: NDArray[
+        np.float64
+    ]  # [E] rad, of the velocities at the end: 0 a tail chase, pi head on; NaN at rest
+    altitude: NDArray[np.float64]  # [E, A] m, mean
+    lowest: NDArray[np.float64]  # [E, A] m
+    path_ratio: NDArray[np.float64]  # [E, A] length flown over distance between its ends; NaN at rest
+    control_effort: NDArray[np.float64]  # [E, A] mean over steps of |u|^2, u in [-1, 1]^4
+
+
+def endings(result: TournamentResult, role: int) -> Endings:
+    """How the fights of each defender or attacker (`role`) end, over all its opponents."""
+    lead = lambda values: values if role == DEFENDER else np.swapaxes(values, 0, 1)
+    cause, steps, played = lead(result.cause), lead(result.steps), lead(result.played)
+    size, seconds = len(cause), steps.reshape(len(cause), -1) * result.control_dt
+    counts = lead(result.counts).sum(axis=1)
+    fights = played.sum(axis=1) * result.cause.shape[2]
+    index = np.arange(size)[:, None] * len(Cause) + cause.reshape(size, -1)
+    total = np.bincount(index.reshape(-1), seconds.reshape(-1), minlength=size * len(Cause)).reshape(size, len(Cause))
+    quartiles = np.full((size, 3), np.nan)
+    for one in np.flatnonzero(fights):
+        quartiles[one] = np.quantile((steps[one] * result.control_dt)[played[one]], [0.25, 0.5, 0.75])
+    with np.errstate(invalid="ignore"):  # 0 / 0 is the NaN that is promised
+        return Endings(counts / fights[:, None], fights, np.where(counts > 0, total, np.nan) / counts, quartiles)
+
+
+def flight(record: FightRecord, control_dt: float) -> Flight:
+    """Describe recorded fights; `control_dt` in s. After a fight's end its last state repeats, which moves no mean."""
+    steps = np.asarray(record.result.steps)
+    fights = np.arange(len(steps))
+    position, velocity = _drones(record.qpos, 7), _drones(record.qvel, 6)
+    position = np.concatenate([_drones(np.asarray(record.start.qpos)[None], 7), position])  # [T + 1, E, A, 3]
+    last_position, last_velocity = position[steps, fights], velocity[steps - 1, fights]
+    line = last_position[:, ATTACKER] - last_position[:, DEFENDER]
+    drift = last_velocity[:, ATTACKER] - last_velocity[:, DEFENDER]
+    flown = np.arange(1, len(position))[:, None] <= steps
+    mean = lambda values: np.sum(values * flown[:, :, None], axis=0) / steps[:, None]
+    length = np.linalg.norm(np.diff(position, axis=0), axis=-1).sum(axis=0)
+    straight = np.linalg.norm(last_position - position[0], axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = length / straight
+    return Flight(
+        time=steps * control_dt,
+        closing_speed=-_dot(line, drift) / np.maximum(np.linalg.norm(line, axis=-1), 1e-9),
+        approach_angle=_angle(last_velocity[:, DEFENDER], last_velocity[:, ATTACKER]),
+        altitude=mean(position[1:, :, :, 2]),
+        lowest=position[..., 2].min(axis=0),
+        path_ratio=ratio,
+        control_effort=mean(np.sum(np.asarray(record.action, float) ** 2, axis=-1)),
+    )
+
+
+def _drones(values: Any, width: int) -> NDArray[np.float64]:
+    """The first three of each drone's `width` coordinates: [T, E, A, 3]."""
+    values = np.asarray(values, float)
+    return values.reshape(*values.shape[:-1], 2, width)[..., :3]
+
+
+def _dot(one: NDArray, other: NDArray) -> NDArray:
+    return np.sum(one * other, axis=-1)
+
+
+def _angle(one: NDArray, other: NDArray) -> NDArray[np.float64]:
+    norms = np.linalg.norm(one, axis=-1) * np.linalg.norm(other, axis=-1)
+    cosine = np.clip(_dot(one, other) / np.where(norms > 0, norms, 1.0), -1.0, 1.0)
+    return np.where(norms > 0, np.arccos(cosine), np.nan)

@@ -1,0 +1,85 @@
+"""`dronecombat train`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from dronecombat_jax.cli.start import prepare
+from dronecombat_jax.config import flags, settings
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.schema import settings_of, shown
+from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.settings import Given
+from dronecombat_jax.errors import UserError
+
+DEFAULT_PRESET = "duel"
+SHORT_FLAGS = {
+    "run.name": "--name",
+    "run.device": "--device",
+    "train.seed": "--seed",
+    "train.total_steps": "--steps",
+}
+
+
+@dataclass(frozen=True)
+class TrainFlags(Config):
+    """Train attacker and defender. Defaults < preset < flags."""
+
+    preset: str = setting(DEFAULT_PRESET, f"one of {', '.join(settings.presets())}, or a .toml file")
+    print_config: bool = setting(False, "print every setting as TOML and stop")
+    fork: str = setting("", "name of a new run that begins from a checkpoint of the run --name, with other settings")
+    fork_chunk: int = setting(-1, "which checkpoint to fork (0: the untrained one); -1: the newest", low=-1, high=10**9)
+
+
+def train(args: Sequence[str]) -> int:
+    """train attacker and defender"""
+    given, errors = flags.parse(TrainFlags, args, "dronecombat train", aliases=SHORT_FLAGS)
+    preset, only_print = given.pop("preset", DEFAULT_PRESET), given.pop("print_config", False)
+    fork = {key: given.pop(key) for key in ("fork", "fork_chunk") if key in given}
+    own = {key: Given(value, settings.flag(key)) for key, value in fork.items()}
+    errors += settings.check(own, settings_of(TrainFlags))
+    if "fork" not in fork and fork:
+        errors.append("--fork-chunk needs --fork NEW_NAME")
+    try:
+        config = settings.load(preset, given, check_machine=True)
+    except UserError as error:
+        raise UserError("\n".join([*errors, error.message])) from None
+    if errors:
+        raise UserError("\n".join(errors))
+    config = replace(config, run=replace(config.run, name=settings.run_name(config, preset)))
+    if config.sim.mjcf:  # a run is gone on with, and looked at, from any folder
+        whole = Path(config.sim.mjcf).expanduser().absolute()
+        config = replace(config, sim=replace(config.sim, mjcf=str(whole)))
+    if only_print:
+        print(settings.to_toml(config), end="")
+        return 0
+    print(summary(config, preset), flush=True)
+    prepare(config.run.device, config)
+    if config.sim.mjcf:  # what cannot be flown is said before there is a folder
+        from dronecombat_jax.sim.scene import load_scene
+
+        load_scene(config.sim)
+    from dronecombat_jax.machine import processes
+    from dronecombat_jax.runs import training
+
+    with processes.parting():
+        if "fork" in fork:
+            new = replace(config, run=replace(config.run, name=fork["fork"]))
+            chunk = fork.get("fork_chunk", -1)
+            config, code = new, training.train(new, config.run.name, chunk if chunk >= 0 else None)
+        else:
+            code = training.train(config)
+    if code or not processes.first():
+        return code
+    from dronecombat_jax.watch import finish
+
+    finish.finish(config)
+    return 0
+
+
+def summary(config: Config, preset: str) -> str:
+    """The settings that differ from the defaults, one line each, and how to see the rest."""
+    lines = [f"settings: preset {preset}; these differ from the defaults:"]
+    for key, default, value in settings.diff(Config(), config):
+        lines.append(f"  {key} = {shown(value)} (default {shown(default)})")
+    return "\n".join([*lines, "  (all of them: the same command with --print-config)"])

@@ -1,0 +1,52 @@
+"""How seeds and environments are spread over devices. Nothing imports JAX.
+
+What does not live here: the mesh itself (`selfplay.mesh`), and whether the devices exist (`machine.backend`).
+"""
+
+import math
+
+from dronecombat_jax.config.fields import Config
+
+MAX_DEVICES = 1024
+
+
+def spread(num_seeds: int, wanted: int, available: int) -> int:
+    """Devices that `num_seeds` seeds are spread over, the same number on each: `wanted`, or the most (0)."""
+    most = min(num_seeds, available if wanted == 0 else wanted)
+    return next(count for count in range(max(most, 1), 0, -1) if num_seeds % count == 0)
+
+
+def mesh_shape(num_seeds: int, wanted: int, available: int) -> tuple[int, int]:
+    """Devices along the seeds, and along the environments of each seed: in all `wanted`, or what serves best (0).
+
+    Seeds come first, the same number on each device: they never wait for each other. Environments of one seed are
+    spread only where more devices are asked for: on two cores one device does as well (docs/scaling.md).
+    """
+    if wanted == 0:
+        return spread(num_seeds, 0, available), 1
+    seeds = math.gcd(num_seeds, wanted)
+    return seeds, wanted // seeds
+
+
+def uneven_devices(config: Config, devices: int) -> str:
+    """Why `devices` cannot share the work evenly, with the numbers that can; "" where they do."""
+    seeds, envs = config.train.num_seeds, config.train.num_envs
+    minibatch = config.steps_per_iteration // config.learn.minibatches
+    defenders = (envs - config.solo_envs) * config.learn.rollout_steps // config.learn.minibatches
+
+    def fits(devices: int) -> bool:
+        _, each = mesh_shape(seeds, devices, devices)
+        return envs % each == 0 and minibatch % each == 0 and defenders % each == 0
+
+    if fits(devices):
+        return ""
+    shared, each = mesh_shape(seeds, devices, devices)
+    batches = f"{minibatch}" if defenders == minibatch else f"{minibatch} (the defender's: {defenders})"
+    counts = [str(count) for count in range(1, MAX_DEVICES + 1) if fits(count)]
+    near = [count for count in counts if int(count) < devices][-2:] + [
+        count for count in counts if int(count) > devices
+    ][:2]
+    return (
+        f"run.devices = {devices}: {shared} for the seeds (train.num_seeds = {seeds}) leave {each} for the environments "
+        f"of each, which must divide train.num_envs = {envs} and a mini-batch of {batches}; nearest that fit: {', '.join(near)}"
+    )

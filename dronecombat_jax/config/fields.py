@@ -1,0 +1,66 @@
+"""Every setting of the project: frozen dataclasses with a unit, a range and one line each.
+
+What lives here: a whole run's settings, out of `game_fields` and `training_fields`; nothing imports JAX. What does not:
+reading TOML, merging flags and reporting errors (`settings`).
+"""
+
+from dataclasses import dataclass, field
+
+from dronecombat_jax.config.game_fields import GameConfig, RewardConfig, SimConfig
+from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.training_fields import LearnConfig, RunConfig, SelfPlayConfig, TrainConfig
+
+__all__ = [
+    "Config",
+    "GameConfig",
+    "LearnConfig",
+    "RewardConfig",
+    "RunConfig",
+    "SelfPlayConfig",
+    "SimConfig",
+    "TrainConfig",
+    "setting",
+]
+
+
+@dataclass(frozen=True)
+class Config:
+    """A whole run. Defaults < preset file < command-line flags."""
+
+    sim: SimConfig = field(default_factory=SimConfig)
+    game: GameConfig = field(default_factory=GameConfig)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    learn: LearnConfig = field(default_factory=LearnConfig)
+    selfplay: SelfPlayConfig = field(default_factory=SelfPlayConfig)
+    train: TrainConfig = field(default_factory=TrainConfig)
+    run: RunConfig = field(default_factory=RunConfig)
+
+    @property
+    def control_dt(self) -> float:
+        """Seconds per control step."""
+        return self.sim.timestep * self.sim.substeps
+
+    @property
+    def steps_per_iteration(self) -> int:
+        """Environment steps of one rollout, per seed."""
+        return self.train.num_envs * self.learn.rollout_steps
+
+    @property
+    def steps_per_chunk(self) -> int:
+        """Environment steps of one chunk, per seed."""
+        return self.steps_per_iteration * self.train.chunk_iterations
+
+    @property
+    def solo_envs(self) -> int:
+        """Environments in which the attacker flies alone: the first ones."""
+        return round(self.train.solo_share * self.train.num_envs)
+
+    @property
+    def num_chunks(self) -> int:
+        """Chunks of the run: `total_steps` rounded up."""
+        return -(-self.train.total_steps // self.steps_per_chunk)
+
+    @property
+    def head_start_chunks(self) -> int:
+        """Chunks in which the attacker alone learns."""
+        return -(-self.train.head_start_steps // self.steps_per_chunk)

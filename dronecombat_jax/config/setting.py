@@ -1,0 +1,23 @@
+"""One setting: a dataclass field with its unit, its bounds and one line of explanation."""
+
+from dataclasses import field
+from typing import Any
+
+
+def setting(
+    default: Any,
+    doc: str,
+    *,
+    unit: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    low_open: bool = False,
+) -> Any:
+    """A dataclass field with the metadata that validation, `--help` and the docs read.
+
+    `low` and `high` are inclusive bounds (`low_open`: `low` itself is excluded).
+    """
+    return field(
+        default=default,
+        metadata={"doc": doc, "unit": unit, "low": low, "high": high, "low_open": low_open},
+    )

@@ -1,0 +1,157 @@
+"""One policy as one file to share: what it holds, how it is written, and what is refused on the way in.
+
+A file opens without JAX and never runs code. The format and its names: `docs/policies.md`; to fly one with
+NumPy alone: `numpy_policy`. What does not live here: the container (`tensorfile`), the metadata
+(`policy_info`), getting a policy out of a run (`export`).
+"""
+
+import hashlib
+import itertools
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.config.fields import Config, LearnConfig
+from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
+from dronecombat_jax.files import tensorfile
+from dronecombat_jax.files.arrays import nonfinite
+from dronecombat_jax.files.atomic import write_atomic
+from dronecombat_jax.files.manifest import state_digest
+from dronecombat_jax.files.tensorfile import PolicyError
+from dronecombat_jax.policies.info import PolicyInfo, info_of, metadata_of
+from dronecombat_jax.types import MLP, Policy, Scaler
+
+MAX_NAME_BYTES = 200  # a file system takes 255, and the temporary name beside it is longer
+_MAX_NAMED = 5
+
+
+class SavedPolicy(NamedTuple):
+    """A policy as read from a file; NumPy leaves."""
+
+    policy: Policy
+    info: PolicyInfo
+
+
+def save_policy(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False) -> None:
+    """Write one policy (leaves without leading axes) to `path`, whole or not at all; equal input, equal bytes.
+
+    Raises UserError 73 where `path` exists (without `force`) or the disk refuses, PolicyError for NaN or
+    infinity and for arrays that are not those of `info.layer_sizes`.
+    """
+    refuse_overwriting(path, force)
+    tensors = tensors_of(policy)
+    if fault := _misfit(tensors, info.layer_sizes) or _bad_numbers(tensors):
+        raise PolicyError(path, f"not written: {fault}")
+    metadata = metadata_of(info)
+    write_atomic(path, tensorfile.encode(tensors, {**metadata, "sha256": digest_of(tensors, metadata)}))
+
+
+def load_policy(path: Path) -> SavedPolicy:
+    """Read and check a policy file. Raises PolicyError (exit 3): one line that says what is wrong with it."""
+    tensors, metadata = tensorfile.read(path)
+    try:
+        info = info_of(metadata)
+    except (ValueError, RecursionError) as error:
+        raise PolicyError(path, str(error)) from None
+    if fault := _misfit(tensors, info.layer_sizes) or _bad_numbers(tensors):
+        raise PolicyError(path, fault)
+    claimed = metadata.pop("sha256", "")
+    if claimed != digest_of(tensors, metadata):
+        raise PolicyError(path, "damaged: its sha256 does not match its content")
+    return SavedPolicy(_policy(tensors, len(info.layer_sizes) - 1), info)
+
+
+def refuse_overwriting(path: Path, force: bool) -> None:
+    """Raise UserError 73 where something is at `path` already; with `force` a link is replaced, never followed."""
+    if len(os.fsencode(path.name)) > MAX_NAME_BYTES:
+        raise UserError(f"the file name {one_line(path.name)} is longer than {MAX_NAME_BYTES} bytes", EXIT_CANNOT_WRITE)
+    if os.path.lexists(path) and not force:
+        raise UserError(f"{path} is there already; --force replaces it", EXIT_CANNOT_WRITE)
+
+
+def require_environment(info: PolicyInfo, config: Config, *, allow_mismatch: bool = False) -> list[str]:
+    """How the game that a policy was trained in differs from that of `config`; one line each, none where equal.
+
+    Raises UserError 3 that names the first five differences, unless they are allowed. A policy that wants
+    other scaling of its observations than `config.learn` is refused in any case: it would fly blindly.
+    """
+    if info.normalize_observations != config.learn.normalize_observations:
+        wanted = str(info.normalize_observations).lower()
+        raise UserError(f"policy of {info.run}: it needs learn.normalize_observations = {wanted}", EXIT_DATA)
+    lines = [one_line(line) for line in environment_diff(info.environment, environment(config))]
+    if lines and not allow_mismatch:
+        more = f"; and {len(lines) - _MAX_NAMED} more" if len(lines) > _MAX_NAMED else ""
+        listed = "; ".join(lines[:_MAX_NAMED])
+        raise UserError(f"policy of {info.run} was trained in another game: {listed}{more}", EXIT_DATA)
+    return lines
+
+
+def digest_of(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> str:
+    """sha256 in hex over all metadata (but "sha256" itself) and all arrays."""
+    text = json.dumps([state_digest(tensors), sorted(metadata.items())], separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def as_flown(policy: Policy, learn: LearnConfig) -> Policy:
+    """A policy on its way out of a run, its log-std in the bounds of `learn`, as the run draws.
+
+    Only its run knows the bounds; in older checkpoints the parameter may lie outside.
+    """
+    bounded = np.clip(policy.log_std, learn.min_log_std, learn.max_log_std).astype(np.float32)
+    return policy.replace(log_std=bounded)
+
+
+def tensors_of(policy: Policy) -> dict[str, np.ndarray]:
+    """The arrays of a policy by their names in the file."""
+    network, scaler = policy.network, policy.observation_scaler
+    arrays = {
+        **{f"weights.{i}": weight for i, weight in enumerate(network.weights)},
+        **{f"biases.{i}": bias for i, bias in enumerate(network.biases)},
+        "log_std": policy.log_std,
+        "observation_mean": scaler.mean,
+        "observation_variance": scaler.variance,
+        "observation_count": scaler.count,
+    }
+    return {name: np.asarray(array) for name, array in arrays.items()}
+
+
+def _policy(tensors: dict[str, np.ndarray], layers: int) -> Policy:
+    each = lambda name: tuple(tensors[f"{name}.{i}"] for i in range(layers))
+    scaler = Scaler(*(tensors[f"observation_{part}"] for part in ("mean", "variance", "count")))  # pyright: ignore
+    return Policy(MLP(each("weights"), each("biases")), tensors["log_std"], scaler)  # pyright: ignore
+
+
+def _misfit(tensors: dict[str, np.ndarray], sizes: tuple[int, ...]) -> str:
+    """The first arrays whose dtype or shape is not that of a network of these sizes; empty where all fit."""
+    layers = list(itertools.pairwise(sizes))
+    expected: dict[str, tuple[int, ...]] = {
+        **{f"weights.{i}": layer for i, layer in enumerate(layers)},
+        **{f"biases.{i}": layer[1:] for i, layer in enumerate(layers)},
+        "log_std": sizes[-1:],
+        "observation_mean": sizes[:1],
+        "observation_variance": sizes[:1],
+        "observation_count": (),
+    }
+    spelt = lambda dtype, shape: f"{dtype}[{','.join(map(str, shape))}]"
+    wanted = {name: spelt("float32", shape) for name, shape in expected.items()}
+    there = {name: spelt(array.dtype.name, array.shape) for name, array in tensors.items()}
+    wrong = [
+        f"{name}: expected {wanted.get(name, 'nothing')}, got {there.get(name, 'nothing')}"
+        for name in [*wanted, *sorted(there.keys() - wanted.keys())]
+        if wanted.get(name) != there.get(name)
+    ]
+    more = f"; and {len(wrong) - _MAX_NAMED} more" if len(wrong) > _MAX_NAMED else ""
+    return f"its arrays are not those of layer_sizes: {'; '.join(wrong[:_MAX_NAMED])}{more}" if wrong else ""
+
+
+def _bad_numbers(tensors: dict[str, np.ndarray]) -> str:
+    """Why these arrays cannot fly; empty where they can."""
+    if wrong := nonfinite(tensors):
+        return f"NaN or infinity in {wrong}"
+    return "observation_variance is negative" if np.any(tensors["observation_variance"] < 0.0) else ""

@@ -1,0 +1,152 @@
+"""What a policy file says about its policy: typed here, text in the file. No trust in the text.
+
+The meaning of every name: `docs/policies.md`. What does not live here: the arrays and the file (`policy`).
+"""
+
+import hashlib
+import json
+import re
+from typing import Any, NamedTuple
+
+from dronecombat_jax.combat.fingerprint import canonical, observation_fields
+from dronecombat_jax.config.schema import one_line, shown
+from dronecombat_jax.config.settings import SCHEMA
+from dronecombat_jax.learn.normalize import CLIP, EPSILON
+from dronecombat_jax.types import ACTION_SIZE, OBSERVATION_SIZE, ROLES
+
+FORMAT = "dronecombat-policy"
+FORMAT_VERSION = 1
+ACTIVATION = "elu"
+ACTION_FIELDS = ("thrust", "moment_x", "moment_y", "moment_z")  # body frame (`sim.flight.wrench`)
+ACTION_CLIP = 1.0  # what the game does to an action before it flies it
+_ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._+-]{0,99}")
+_WHOLE = re.compile(r"0|[1-9][0-9]{0,17}")
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+
+
+class PolicyInfo(NamedTuple):
+    """What a file says about its policy; `metadata_of` spells it as text."""
+
+    role: str  # "defender" or "attacker"
+    layer_sizes: tuple[int, ...]  # from observation to action
+    normalize_observations: bool  # whether the network sees scaled observations
+    environment: dict[str, Any]  # `combat.fingerprint.environment`: the game that it was trained in
+    run: str
+    seed: int
+    chunk: int
+    steps: int  # environment steps of that seed
+    package_version: str
+    jax_version: str
+    config_sha256: str  # of the run's config.toml
+
+    @property
+    def observation(self) -> str:
+        """Name of the observation's layout: "world" or "ego"."""
+        return self.environment["game.observation"]
+
+    @property
+    def control_dt(self) -> float:
+        """Seconds per control step."""
+        return self.environment["sim.timestep"] * self.environment["sim.substeps"]
+
+    @property
+    def environment_sha256(self) -> str:
+        """Equal to `combat.fingerprint.environment_digest` of the run's configuration."""
+        return hashlib.sha256(canonical(self.environment).encode()).hexdigest()
+
+
+def metadata_of(info: PolicyInfo) -> dict[str, str]:
+    """Everything but the arrays, every value as text."""
+    return {
+        "format": FORMAT,
+        "format_version": str(FORMAT_VERSION),
+        "role": info.role,
+        "layer_sizes": json.dumps(info.layer_sizes),
+        "activation": ACTIVATION,
+        "observation": info.observation,
+        "observation_fields": json.dumps(observation_fields(info.observation)),
+        "normalize_observations": json.dumps(info.normalize_observations),
+        "normalization_clip": repr(CLIP),
+        "normalization_epsilon": repr(EPSILON),
+        "action_fields": json.dumps(ACTION_FIELDS),
+        "action_clip": repr(ACTION_CLIP),
+        "control_dt": repr(info.control_dt),
+        "environment": canonical(info.environment),
+        "environment_sha256": info.environment_sha256,
+        "run": info.run,
+        "seed": str(info.seed),
+        "chunk": str(info.chunk),
+        "steps": str(info.steps),
+        "package_version": info.package_version,
+        "jax_version": info.jax_version,
+        "config_sha256": info.config_sha256,
+    }
+
+
+def info_of(metadata: dict[str, str]) -> PolicyInfo:
+    """The metadata of a file as data; further ones are ignored.
+
+    Raises ValueError, one line, unless every value is what this version would write for the same policy.
+    """
+    if metadata.get("format") != FORMAT:
+        raise ValueError(f"no policy of dronecombat: its metadata lack format = {FORMAT}")
+    if (version := _whole(metadata, "format_version")) > FORMAT_VERSION:
+        raise ValueError(f"it has format {version}, this version reads up to {FORMAT_VERSION}: upgrade dronecombat-jax")
+    info = PolicyInfo(
+        role=_matching(metadata, "role", re.compile("|".join(ROLES))),
+        layer_sizes=_layer_sizes(metadata),
+        normalize_observations=_matching(metadata, "normalize_observations", re.compile("true|false")) == "true",
+        environment=_environment(metadata),
+        run=_matching(metadata, "run", _ID),
+        seed=_whole(metadata, "seed"),
+        chunk=_whole(metadata, "chunk"),
+        steps=_whole(metadata, "steps"),
+        package_version=_matching(metadata, "package_version", _ID),
+        jax_version=_matching(metadata, "jax_version", _ID),
+        config_sha256=_matching(metadata, "config_sha256", _SHA256),
+    )
+    for key, expected in metadata_of(info).items():
+        if metadata.get(key) != expected:
+            raise _wrong(metadata, key, f"expected {one_line(expected)}")
+    return info
+
+
+def _layer_sizes(metadata: dict[str, str]) -> tuple[int, ...]:
+    sizes, hidden = _json(metadata, "layer_sizes"), SCHEMA["learn.hidden_sizes"]
+    fits = isinstance(sizes, list) and (sizes[0:1], sizes[-1:]) == ([OBSERVATION_SIZE], [ACTION_SIZE])
+    if not fits or hidden.problem(sizes[1:-1]):
+        raise _wrong(metadata, "layer_sizes", f"expected {OBSERVATION_SIZE}, {hidden.allowed}, {ACTION_SIZE}")
+    return tuple(sizes)
+
+
+def _environment(metadata: dict[str, str]) -> dict[str, Any]:
+    game = _json(metadata, "environment")
+    if not isinstance(game, dict):
+        raise _wrong(metadata, "environment", "expected an object")
+    for key in ("sim.timestep", "sim.substeps", "game.observation"):  # what other metadata are made from
+        if fault := SCHEMA[key].problem(game.get(key)):
+            raise ValueError(f"metadata environment: {key} = {shown(game.get(key))}: {fault}")
+    return game
+
+
+def _json(metadata: dict[str, str], key: str) -> Any:
+    try:
+        return json.loads(metadata.get(key, ""))
+    except ValueError:
+        raise _wrong(metadata, key, "expected JSON") from None
+
+
+def _whole(metadata: dict[str, str], key: str) -> int:
+    return int(_matching(metadata, key, _WHOLE))
+
+
+def _matching(metadata: dict[str, str], key: str, pattern: re.Pattern[str]) -> str:
+    text = metadata.get(key, "")
+    if not pattern.fullmatch(text):
+        raise _wrong(metadata, key, f"expected {pattern.pattern}")
+    return text
+
+
+def _wrong(metadata: dict[str, str], key: str, expected: str) -> ValueError:
+    got = one_line(metadata[key]) if key in metadata else "missing"
+    return ValueError(f"metadata {key} is {got}: {expected}")

@@ -1,0 +1,162 @@
+"""The field of a tournament: who was named, verified whole before anything is compiled, each player once.
+
+What does not live here: reading one run or file (`contenders`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from dronecombat_jax.analysis.result import Alias, Entrant
+from dronecombat_jax.arena.players import Player
+from dronecombat_jax.combat.fingerprint import SCENE, environment, environment_diff
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
+from dronecombat_jax.tournaments.contenders import EXPORTED, Contender, Found, find
+from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES
+
+ANCHOR_PRESET = "duel"  # the game of scripted pilots alone
+_MAX_NAMED = 5
+
+
+class Seat(NamedTuple):
+    """One row or column of the grid."""
+
+    entrant: Entrant
+    player: Player | None  # None: missing, its cells stay empty
+    also: tuple[str, ...]  # labels of others with the same content, files among them, which are not flown again
+
+
+class Field(NamedTuple):
+    """Everybody, by role."""
+
+    config: Config  # of the game that is played
+    seats: tuple[list[Seat], list[Seat]]
+    notices: tuple[str, ...]  # for a person, one line each
+    bad: tuple[str, ...]  # what could not be read
+
+
+def read_field(
+    words: Sequence[str],
+    *,
+    every: int = 1,
+    untrained: bool = False,
+    skip_bad: bool = False,
+    allow_mismatch: bool = False,
+    mjcf: str = "",
+) -> Field:
+    """Read and check everybody whom `words` name (`contenders.find`).
+
+    `mjcf`: the file of the drone or scene to fly, instead of where their runs left it.
+    Raises UserError: 2 for words that mean nothing and for a side without players; 3 that lists every checkpoint or
+    file that cannot be used (unless `skip_bad`), or every player of another game (unless `allow_mismatch`).
+    """
+    found, bad = _find_all(words, every, untrained)
+    if bad and not skip_bad:
+        raise UserError("\n".join([*bad, "nothing was flown; --skip-bad flies the others"]), EXIT_DATA)
+    contenders = [contender for one in found for contender in one.contenders]
+    config = _game(found, mjcf)
+    if config.game.scenario == "solo":
+        raise UserError("these policies were trained in solo, where nobody defends: there is no fight", EXIT_CONFIG)
+    notices = _other_games(contenders, config, allow_mismatch)
+    _refuse_two_of_a_name(contenders)
+    seats = _seats(contenders, DEFENDER), _seats(contenders, ATTACKER)
+    for role, side in enumerate(seats):
+        if not any(seat.player for seat in side):
+            raise UserError(f"no {ROLES[role]} takes part; name a run, a policy file or a scripted pilot", EXIT_CONFIG)
+        notices += _saved_again(role, side)
+    return Field(config, seats, tuple(notices), tuple(bad))
+
+
+def _game(found: list[Found], mjcf: str) -> Config:
+    """The game of the first whose scene is at hand, else of the first.
+
+    A policy file of an own drone says what its MJCF says, not where it is: a run does.
+    """
+    first: Config | None = None
+    for entry in found:
+        if entry.config is None:
+            continue
+        sim = entry.config.sim
+        config = replace(entry.config, sim=replace(sim, mjcf=mjcf or sim.mjcf))
+        first = first or config
+        known = [contender.environment for contender in entry.contenders if contender.environment]
+        lines = environment_diff(known[-1], environment(config)) if known else []
+        if not any(line.startswith(SCENE) for line in lines):
+            return config
+    return first or settings.load(ANCHOR_PRESET, {"sim.mjcf": mjcf})
+
+
+def _find_all(words: Sequence[str], every: int, untrained: bool) -> tuple[list[Found], list[str]]:
+    """Who was found, and one line for each thing that cannot be used."""
+    found: list[Found] = []
+    bad: list[str] = []
+    meaningless: list[str] = []
+    for word in dict.fromkeys(words):
+        try:
+            found.append(find(word, every, untrained))
+        except UserError as error:
+            (bad if error.exit_code == EXIT_DATA else meaningless).extend(error.message.splitlines())
+    if meaningless:
+        raise UserError("\n".join(meaningless), EXIT_CONFIG)
+    return found, bad + [line for one in found for line in one.bad]
+
+
+def _other_games(contenders: list[Contender], config: Config, allowed: bool) -> list[str]:
+    """One line for each group of players who know another game than that of `config`; UserError 3 unless `allowed`."""
+    here, groups = environment(config), {}
+    for contender in contenders:
+        if contender.environment is not None:
+            lines = tuple(environment_diff(contender.environment, here))
+            groups.setdefault(lines, []).append(contender.entrant.label)
+    told = [
+        f"{_named(tuple(dict.fromkeys(labels)))} trained in another game than the first: {one_line(_named(lines, '; '))}"
+        for lines, labels in groups.items()
+        if lines
+    ]
+    if told and not allowed:
+        own = any(line.startswith(SCENE) for lines in groups for line in lines)
+        hint = "dronecombat tournament --mjcf FILE names the MJCF that they were trained with"
+        allowing = "--allow-env-mismatch lets them fly in the first one's game"
+        raise UserError("\n".join([*told, *([hint] if own else []), allowing]), EXIT_DATA)
+    return told
+
+
+def _refuse_two_of_a_name(contenders: list[Contender]) -> None:
+    """Raise UserError 2 where two runs are called the same: their players could not be told apart."""
+    known: dict[tuple[int, str], str] = {}
+    for role, entrant, _, _ in contenders:
+        if entrant.method != EXPORTED and known.setdefault((role, entrant.label), entrant.identity) != entrant.identity:
+            raise UserError(f"two different players are called {entrant.label}: rename one of the runs", EXIT_CONFIG)
+
+
+def _saved_again(role: int, side: list[Seat]) -> list[str]:
+    """What is to be said of players of the same content."""
+    told = [f"{ROLES[role]} {seat.entrant.label} is also {_named(seat.also)}" for seat in side if seat.also]
+    if len(told) > _MAX_NAMED:
+        return [f"{len(told)} {ROLES[role]}s were saved more than once (such as {told[0]}): flown once each"]
+    return [f"{one}: flown once" for one in told]
+
+
+def _seats(contenders: list[Contender], role: int) -> list[Seat]:
+    """The players of one side in the order named, each content once, under the name of a run rather than of a file."""
+    named: dict[str, dict[str, Contender]] = {}
+    for one in contenders:
+        if one.role == role:
+            named.setdefault(one.entrant.identity, {}).setdefault(one.entrant.label, one)
+    return [_seat(list(same.values())) for same in named.values()]
+
+
+def _seat(same: list[Contender]) -> Seat:
+    """One place for contenders of the same content."""
+    first, *others = sorted(same, key=lambda one: one.entrant.method == EXPORTED)  # else in the order named
+    saved = [one.entrant for one in others if one.entrant.method != EXPORTED]
+    also = tuple(Alias(one.label, one.method, one.run, one.seed, one.chunk, one.steps) for one in saved)
+    return Seat(first.entrant._replace(also=also), first.player, tuple(one.entrant.label for one in others))
+
+
+def _named(texts: Sequence[str], separator: str = ", ") -> str:
+    more = f" and {len(texts) - _MAX_NAMED} more" if len(texts) > _MAX_NAMED else ""
+    return separator.join(texts[:_MAX_NAMED]) + more

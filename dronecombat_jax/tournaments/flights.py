@@ -1,0 +1,135 @@
+"""How the players of a tournament fly: each run's two sides of one chunk against each other, recorded step by step.
+
+    tournaments/<name>/flights.json    one row for each run and chunk of which both sides take part
+
+What does not live here: the quantities themselves (`analysis.behaviour`).
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecombat_jax.analysis.behaviour import Flight, flight
+from dronecombat_jax.analysis.result import Entrant, by_training
+from dronecombat_jax.arena.lanes import start_states
+from dronecombat_jax.arena.match import policy_pilot, record
+from dronecombat_jax.arena.players import Player
+from dronecombat_jax.arena.rectangle import Rules
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.files.atomic import write_atomic
+from dronecombat_jax.types import ATTACKER, DEFENDER, FightRecord, Policy
+
+FLIGHTS_NAME = "flights.json"
+
+
+class Flown(NamedTuple):
+    """Means over a pair's recorded fights; NaN where nothing was measured. Pairs of numbers: defender, attacker."""
+
+    run: str  # `Entrant.lineage`
+    method: str
+    chunk: int
+    steps: int  # environment steps trained
+    fights: int
+    time: float  # s, to the end
+    closing_speed: float  # m/s, at the end
+    approach_angle: float  # rad, of the velocities at the end: 0 a tail chase, pi head on
+    altitude: tuple[float, float]  # m
+    lowest: tuple[float, float]  # m
+    path_ratio: tuple[float, float]  # length flown over distance between its ends
+    control_effort: tuple[float, float]  # mean of |u|^2
+
+
+def record_flights(
+    combat: Combat,
+    entrants: tuple[Sequence[Entrant], Sequence[Entrant]],
+    players: tuple[Sequence[Player | None], Sequence[Player | None]],
+    rules: Rules,
+    fights: int,
+) -> list[Flown]:
+    """Record `fights` fights of every pair, from the start states of the tournament's first ones."""
+    starts = start_states(combat, rules.seed, fights)
+    key = jax.random.key(rules.seed)
+
+    @partial(jax.jit, static_argnums=0)
+    def fly(normalize: tuple[bool, bool], defender: Policy, attacker: Policy) -> FightRecord:
+        learn = [LearnConfig(normalize_observations=one) for one in normalize]
+        first = policy_pilot(learn[DEFENDER], defender, DEFENDER, rules.stochastic)
+        return record(combat, first, policy_pilot(learn[ATTACKER], attacker, ATTACKER, rules.stochastic), starts, key)
+
+    known: dict[tuple[int, int], Flight] = {}
+    flown = []
+    for one, pair in _pairs(entrants):
+        defender, attacker = players[DEFENDER][pair[0]], players[ATTACKER][pair[1]]
+        if not (defender and attacker) or isinstance(defender.pilot, str) or isinstance(attacker.pilot, str):
+            continue
+        if pair not in known:  # what a chunk left alone flies as before
+            told = fly((defender.normalize, attacker.normalize), defender.pilot, attacker.pilot)
+            known[pair] = flight(jax.device_get(told), combat.config.control_dt)
+        flown.append(_summary(one, known[pair]))
+    return flown
+
+
+def save_flights(folder: Path, flown: Sequence[Flown]) -> None:
+    """Write `flights.json`. UserError 73."""
+    plain = lambda value: None if isinstance(value, float) and not math.isfinite(value) else value
+    spelt = lambda value: [plain(one) for one in value] if isinstance(value, tuple) else plain(value)
+    rows = [{name: spelt(value) for name, value in one._asdict().items()} for one in flown]
+    write_atomic(folder / FLIGHTS_NAME, json.dumps(rows, indent=1, allow_nan=False) + "\n")
+
+
+def load_flights(folder: Path) -> tuple[Flown, ...]:
+    """The rows in a tournament's folder, none where no fights were recorded. UserError 3 where they are damaged."""
+    path = folder / FLIGHTS_NAME
+    if not path.is_file():
+        return ()
+    number = lambda value: math.nan if value is None else value
+    read: Any = lambda value: tuple(map(number, value)) if isinstance(value, list) else number(value)
+    try:
+        return tuple(
+            Flown(**{name: read(value) for name, value in row.items()}) for row in json.loads(path.read_text())
+        )
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise UserError(f"{one_line(str(path))}: damaged: {one_line(str(error))}", EXIT_DATA) from None
+
+
+def _pairs(entrants: tuple[Sequence[Entrant], Sequence[Entrant]]) -> list[tuple[Entrant, tuple[int, int]]]:
+    """Of every run and chunk with both sides: its defender as it is called there, and the indices of both."""
+    defenders, attackers = (by_training(side) for side in entrants)
+    found = []
+    for lineage, saved in defenders.items():
+        met = {one.chunk: index for index, one in attackers.get(lineage, ())}
+        found += [(one, (index, met[one.chunk])) for index, one in saved if one.chunk in met]
+    return found
+
+
+def _summary(one: Entrant, told: Flight) -> Flown:
+    both: Any = lambda values: (_mean(values[:, DEFENDER]), _mean(values[:, ATTACKER]))
+    return Flown(
+        run=one.lineage,
+        method=one.method,
+        chunk=one.chunk,
+        steps=one.steps,
+        fights=len(told.time),
+        time=_mean(told.time),
+        closing_speed=_mean(told.closing_speed),
+        approach_angle=_mean(told.approach_angle),
+        altitude=both(told.altitude),
+        lowest=both(told.lowest),
+        path_ratio=both(told.path_ratio),
+        control_effort=both(told.control_effort),
+    )
+
+
+def _mean(values: NDArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else math.nan

@@ -1,0 +1,90 @@
+"""Fights recorded step by step, for replays and films. Nothing is drawn here.
+
+Fight e of a seed starts as fight e of a tournament with that seed, however many are recorded.
+What does not live here: who flies (`flyers`), counting outcomes (`evaluation`).
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dronecombat_jax.arena.lanes import fight_key, start_states
+from dronecombat_jax.arena.match import policy_pilot, record, trajectory
+from dronecombat_jax.arena.players import content_words
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.scripted import Pilot, build_pilot
+from dronecombat_jax.config.fields import Config, LearnConfig
+from dronecombat_jax.types import EnvState, FightRecord, Policy, Trajectory
+from dronecombat_jax.watch.flyers import Flyer
+
+Record = Callable[[Flyer, Flyer], list[Trajectory]]
+Kind = str | LearnConfig  # a scripted pilot's name, or how a policy is flown
+
+
+class Filming(NamedTuple):
+    """Which fights to record."""
+
+    fights: int = 9
+    seed: int = 0  # of the start states
+    stochastic: bool = False  # draw the policies' actions instead of taking their mean
+    spawn: str = ""  # "fixed" (the three points themselves) or "uniform"; "": as the run
+
+
+def game_with_starts(config: Config, spawn: str) -> Config:
+    """The same game with other starts; "" leaves them."""
+    if not spawn:
+        return config
+    game = replace(config.game, spawn=spawn, spawn_spread=0.0, defender_spread=0.0)
+    return replace(config, game=game)
+
+
+def recorder(combat: Combat, filming: Filming) -> Record:
+    """A function from both sides to their fights; compiled once for policies of one shape."""
+    starts = jax.jit(partial(start_states, combat), static_argnums=1)(filming.seed, filming.fights)
+    seed = jnp.uint32(filming.seed)
+
+    @partial(jax.jit, static_argnums=0)
+    def fly(kinds: tuple[Kind, ...], pilots: tuple[Policy | None, ...], words: jax.Array) -> Any:
+        act = partial(_pilot, combat, filming.stochastic)
+        each = [act(role, *given) for role, given in enumerate(zip(kinds, pilots, strict=True))]
+
+        def fly_one(start: EnvState, episode: jax.Array) -> FightRecord:
+            alone = jax.tree.map(lambda leaf: leaf[None], start)
+            return record(combat, each[0], each[1], alone, fight_key(seed, words, episode))
+
+        return jax.vmap(fly_one)(starts, jnp.arange(filming.fights))
+
+    def call(defender: Flyer, attacker: Flyer) -> list[Trajectory]:
+        both = (defender, attacker)
+        kinds = tuple(flyer.pilot if isinstance(flyer.pilot, str) else flyer.learn for flyer in both)
+        pilots = tuple(None if isinstance(flyer.pilot, str) else flyer.pilot for flyer in both)
+        words = np.concatenate([content_words(flyer.identity) for flyer in both])
+        fights = _joined(jax.device_get(fly(kinds, pilots, words)))
+        return [trajectory(combat, fights, index) for index in range(filming.fights)]
+
+    return call
+
+
+def _pilot(
+    combat: Combat,
+    stochastic: bool,
+    role: int,
+    kind: Kind,
+    policy: Policy | None,
+) -> Pilot:
+    if isinstance(kind, str):
+        return build_pilot(kind, combat.config, combat.scene, role)
+    assert policy is not None
+    return policy_pilot(kind, policy, role, stochastic)
+
+
+def _joined(fights: FightRecord) -> FightRecord:
+    """Records of single fights, leaves [E, T, 1, ...] and [E, 1, ...], as that of E fights."""
+    qpos, qvel, action = (np.swapaxes(leaf[:, :, 0], 0, 1) for leaf in fights[:3])
+    start, result = jax.tree.map(lambda leaf: leaf[:, 0], (fights.start, fights.result))
+    return FightRecord(qpos, qvel, action, start, result)  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,224 @@
+"""The round robin against a plain loop of single fights, and under every way of cutting it into batches.
+
+Drones coast here instead of being stepped by MJX, but for one test.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from policies import make_policy
+from toy import CONFIG, Coasting
+
+from dronecombat_jax.arena.lanes import Layout, fight_key, start_states
+from dronecombat_jax.arena.match import fight, policy_pilot
+from dronecombat_jax.arena.players import Player, content_words
+from dronecombat_jax.arena.rectangle import Rules
+from dronecombat_jax.arena.round_robin import play
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.scripted import build_pilot
+from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.types import ATTACKER, DEFENDER, Cause
+
+GAME = replace(CONFIG.game, episode_steps=60, crash_rule="out")  # so that fights are of very different lengths
+EPISODES = 4
+SMALL = Layout(lanes=64, block=8, blocks=16, steps=5)
+
+
+def player(seed: int, sizes: tuple[int, ...] = (35, 16, 8, 4), steer: float = 20.0) -> Player:
+    """A policy that nobody trained; `steer` times harder on the stick than `make_policy`'s, log-std in its bounds."""
+    policy = make_policy(sizes, seed)
+    *first, last = policy.network.weights
+    network = policy.network.replace(weights=(*first, last * np.float32(steer)))
+    log_std = np.clip(policy.log_std, -20.0, 2.0)
+    return Player(f"player-{seed}", policy.replace(network=network, log_std=log_std))
+
+
+DEFENDERS = [*map(player, range(4)), Player("hover", "hover"), player(7, (35, 8, 4))]
+ATTACKERS = [*map(player, range(10, 15)), Player("dash", "dash")]
+
+
+def grid(combat: Combat, defenders: list[Player], attackers: list[Player], rules: Rules, **how) -> np.ndarray:
+    """Causes and steps of every fight [2, D, A, E]; -1 where it was not flown. Every cell must come once."""
+    out = np.full((2, len(defenders), len(attackers), rules.episodes), -1)
+    fights = 0
+    for harvest in play(combat, defenders, attackers, rules, **how):
+        fights += harvest.fights.sum()
+        for row, column, cause, steps in harvest.cells:
+            assert np.all(out[:, row, column] == -1)
+            out[:, row, column] = cause, steps
+    assert fights == np.sum(out[0] >= 0) == np.sum(out[0] > Cause.NONE)
+    return out
+
+
+@pytest.fixture(scope="module")
+def combat() -> Coasting:
+    return Coasting(replace(CONFIG, game=GAME))
+
+
+@pytest.fixture(scope="module")
+def flown(combat: Coasting) -> SimpleNamespace:
+    """Everybody: two sizes of networks and scripted pilots."""
+    rules = Rules(EPISODES, seed=3)
+    return SimpleNamespace(rules=rules, grid=grid(combat, DEFENDERS, ATTACKERS, rules, layout=SMALL))
+
+
+@pytest.fixture(scope="module")
+def drawn(combat: Coasting) -> SimpleNamespace:
+    """The first policies with drawn actions."""
+    rules = Rules(EPISODES, seed=3, stochastic=True)
+    return SimpleNamespace(rules=rules, grid=grid(combat, DEFENDERS[:4], ATTACKERS[:5], rules, layout=SMALL))
+
+
+def one_by_one(combat: Combat, defenders: list[Player], attackers: list[Player], rules: Rules) -> np.ndarray:
+    """The same grid by `match.fight`, one fight at a time."""
+    starts = start_states(combat, rules.seed, rules.episodes)
+    learn, config = LearnConfig(), combat.config
+
+    def pilot(one: Player, role: int):
+        if isinstance(one.pilot, str):
+            return build_pilot(one.pilot, config, combat.scene, role)
+        return policy_pilot(learn, one.pilot, role, rules.stochastic)
+
+    def single(start, key, defender, attacker):
+        return fight(combat, pilot(defender, DEFENDER), pilot(attacker, ATTACKER), start, key)
+
+    # Policies are data, so that pairs of one size share a program; names are not.
+    by_policy = jax.jit(lambda s, k, d, a: single(s, k, Player("", d), Player("", a)))
+    by_name = jax.jit(single, static_argnums=(2, 3))
+    out = np.zeros((2, len(defenders), len(attackers), rules.episodes), int)
+    for row, defender in enumerate(defenders):
+        for column, attacker in enumerate(attackers):
+            words = np.concatenate([content_words(defender.identity), content_words(attacker.identity)])
+            scripted = isinstance(defender.pilot, str), isinstance(attacker.pilot, str)
+            for episode in range(rules.episodes):
+                start = jax.tree.map(lambda leaf, e=episode: leaf[e : e + 1], starts)
+                key = fight_key(np.uint32(rules.seed), words, np.int32(episode))
+                if not any(scripted):
+                    result = by_policy(start, key, defender.pilot, attacker.pilot)
+                elif all(scripted):
+                    result = by_name(start, key, defender, attacker)
+                else:
+                    continue
+                out[:, row, column, episode] = result.cause[0], result.steps[0]
+    return out
+
+
+def test_a_cell_is_what_a_plain_loop_of_single_fights_gives(combat: Coasting, flown: SimpleNamespace):
+    expected = one_by_one(combat, DEFENDERS, ATTACKERS, flown.rules)
+    looped = expected[0] > Cause.NONE  # all but policy against scripted pilot, which are no program of their own
+    assert np.sum(looped) == (5 * 5 + 1) * EPISODES
+    np.testing.assert_array_equal(flown.grid[:, looped], expected[:, looped])
+    assert len(np.unique(flown.grid[0])) >= 4 and flown.grid[1].min() < 10 and flown.grid[1].max() == 60
+
+
+def test_drawn_actions_are_those_of_the_same_loop(combat: Coasting, drawn: SimpleNamespace, flown: SimpleNamespace):
+    np.testing.assert_array_equal(one_by_one(combat, DEFENDERS[:4], ATTACKERS[:5], drawn.rules), drawn.grid)
+    assert np.mean(drawn.grid[1] != flown.grid[1, :4, :5]) > 0.3
+
+
+def test_no_outcome_depends_on_batches(combat: Coasting, flown: SimpleNamespace, drawn: SimpleNamespace):
+    for reference, how in (
+        (flown, {"layout": Layout(96, 8, 24, 7), "batches": 3}),
+        (flown, {"layout": Layout(32, 8, 5, 60), "batches": 1}),
+        (drawn, {"layout": Layout(96, 8, 24, 7), "batches": 3}),
+    ):
+        out = grid(combat, DEFENDERS[:4], ATTACKERS[:5], reference.rules, **how)
+        np.testing.assert_array_equal(out, reference.grid[:, :4, :5])
+
+
+def test_no_outcome_depends_on_who_else_takes_part(combat: Coasting, flown: SimpleNamespace):
+    """In another order, without some players, and with some of the cells alone."""
+    rows, columns = [5, 3, 0, 4], [4, 5, 1]
+    wanted = np.random.default_rng(0).random((4, 3)) < 0.6
+    some = [DEFENDERS[row] for row in rows], [ATTACKERS[column] for column in columns]
+    out = grid(combat, *some, flown.rules, wanted=wanted, layout=SMALL)
+    np.testing.assert_array_equal(out[:, wanted], flown.grid[:, rows][:, :, columns][:, wanted])
+    assert np.all(out[:, ~wanted] == -1)
+
+
+def test_episode_e_starts_alike_in_every_cell_and_for_any_number_of_episodes(combat: Coasting):
+    """Two players of one content play alike but for what they draw."""
+    twins = [player(1), player(1)._replace(identity="twin")]
+    rules = Rules(EPISODES, seed=3)
+    out = grid(combat, twins, [player(10)], rules, layout=SMALL)
+    np.testing.assert_array_equal(out[:, 0], out[:, 1])
+    np.testing.assert_array_equal(
+        grid(combat, twins, [player(10)], Rules(9, seed=3), layout=SMALL)[..., :EPISODES], out
+    )
+    apart = grid(combat, twins, [player(10)], rules._replace(stochastic=True), layout=SMALL)
+    assert np.any(apart[:, 0] != apart[:, 1])
+    starts = start_states(combat, 3, 9)
+    assert len(np.unique(starts.qpos[:, 2])) == 9
+    assert np.all(starts.qpos[:, 2] != start_states(combat, 4, 9).qpos[:, 2])
+
+
+def test_a_policy_of_nan_loses_its_own_fights_alone(combat: Coasting, flown: SimpleNamespace):
+    broken = player(3)._replace(identity="broken")
+    broken = broken._replace(pilot=jax.tree.map(lambda leaf: np.full_like(leaf, np.nan), broken.pilot))
+    out = grid(combat, [*DEFENDERS[:2], broken], ATTACKERS[:2], flown.rules, layout=SMALL)
+    assert np.all(out[0, 2] == Cause.DEFENDER_INVALID) and np.all(out[1, 2] == 1)
+    np.testing.assert_array_equal(out[:, :2], flown.grid[:, :2, :2])
+
+
+def test_closing_the_tournament_ends_it(combat: Coasting):
+    harvests = play(combat, DEFENDERS[:1], ATTACKERS[:1], Rules(200), layout=SMALL, batches=2)
+    next(harvests)
+    harvests.close()
+    assert next(harvests, None) is None
+
+
+ON_TWO_DEVICES = """
+import sys, json
+sys.path[:0] = json.loads(sys.argv[1])
+from dronecombat_jax.machine import backend
+backend.prepare("cpu")
+import jax
+from dataclasses import replace
+import test_tournament as t
+assert jax.local_device_count() == 2
+combat = t.Coasting(replace(t.CONFIG, game=t.GAME))
+rules = t.Rules(t.EPISODES, seed=3)
+print(json.dumps(t.grid(combat, t.DEFENDERS[:4], t.ATTACKERS[:5], rules, layout=t.SMALL, batches=1).tolist()))
+"""
+
+
+def test_two_devices_give_the_same_outcomes(flown: SimpleNamespace):
+    tests = Path(__file__).parents[1]
+    paths = json.dumps([str(tests / "arena"), str(tests / "support")])
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
+    environment = os.environ | {"XLA_FLAGS": flags, "PYTHONPATH": str(tests.parent)}
+    command = [sys.executable, "-W", "ignore", "-c", ON_TWO_DEVICES, paths]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_array_equal(np.asarray(json.loads(done.stdout)), flown.grid[:, :4, :5])
+
+
+def test_in_mjx_cells_are_what_plain_matches_give(arena: SimpleNamespace):
+    """Eight fights at once there, blocks of other policies' fights here."""
+    config = replace(arena.combat.config, game=replace(arena.combat.config.game, episode_steps=60))
+    combat, rules, learn = Combat(config, arena.combat.scene), Rules(8, seed=1), LearnConfig()
+    defenders, attackers = [player(i, steer=1.0) for i in range(4)], [player(10 + i, steer=1.0) for i in range(4)]
+    out = grid(combat, defenders, attackers, rules, layout=SMALL, batches=1)
+    again = grid(combat, defenders[::-1], attackers[::-1], rules, layout=SMALL, batches=2)
+    np.testing.assert_array_equal(again[:, ::-1, ::-1], out)
+    starts = start_states(combat, rules.seed, rules.episodes)
+
+    @jax.jit
+    def match(defender, attacker):
+        pilots = policy_pilot(learn, defender, DEFENDER), policy_pilot(learn, attacker, ATTACKER)
+        return fight(combat, *pilots, starts, jax.random.key(0))
+
+    for row, defender in enumerate(defenders):
+        for column, attacker in enumerate(attackers):
+            result = match(*jax.tree.map(jnp.asarray, (defender.pilot, attacker.pilot)))
+            np.testing.assert_array_equal(out[0, row, column], result.cause)
+            np.testing.assert_array_equal(out[1, row, column], result.steps)

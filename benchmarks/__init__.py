@@ -1,1 +1,3 @@
-"""How fast everything is on this machine: measured, never tested. `docs/performance.md` says how and what came out."""
+"""How fast everything is on this machine: measured, never tested. `docs/performance.md` says how
+and what came out.
+"""

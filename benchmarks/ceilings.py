@@ -1,7 +1,9 @@
-"""What this machine could do at best: float32 matrix products by NumPy's BLAS and by XLA, and memory bandwidth.
+"""What this machine could do at best: float32 matrix products by NumPy's BLAS and by XLA, and
+memory bandwidth.
 
-The products are a large cube, which is the ceiling, and those of the networks on a mini-batch: forward, the gradient
-of the weights and that of the input, each as it stands in memory (transposed operands are not copied first).
+The products are a large cube, which is the ceiling, and those of the networks on a mini-batch:
+forward, the gradient of the weights and that of the input, each as it stands in memory (transposed
+operands are not copied first).
 """
 
 import ctypes
@@ -20,7 +22,8 @@ from benchmarks.worker import Part, Program
 
 CUBE = "cube"
 DIRECTIONS = ("forward", "input gradient", "weight gradient")
-TRIAD_BLOCK = 2**14  # floats: three blocks fit a core's second-level cache, so the second pass costs no memory traffic
+# floats: three blocks fit a core's second-level cache, so the second pass costs no memory traffic
+TRIAD_BLOCK = 2**14
 
 
 class Product(NamedTuple):
@@ -41,12 +44,20 @@ class Product(NamedTuple):
 
 
 def products(size: Size) -> list[Product]:
-    """The cube and the products of a policy network on a mini-batch; the first layer's input needs no gradient."""
+    """The cube and the products of a policy network on a mini-batch; the first layer's input needs
+    no gradient.
+    """
     numbers = np.random.default_rng(0)
     draw = lambda *shape: numbers.standard_normal(shape, dtype=np.float32)
     found = [Product(CUBE, draw(size.cube, size.cube), draw(size.cube, size.cube))]
-    for index, (rows, columns) in enumerate(pairwise((OBSERVATION_SIZE, *size.hidden_sizes, ACTION_SIZE))):
-        x, weight, output = draw(size.minibatch, rows), draw(rows, columns), draw(size.minibatch, columns)
+    for index, (rows, columns) in enumerate(
+        pairwise((OBSERVATION_SIZE, *size.hidden_sizes, ACTION_SIZE))
+    ):
+        x, weight, output = (
+            draw(size.minibatch, rows),
+            draw(rows, columns),
+            draw(size.minibatch, columns),
+        )
         found.append(Product(f"{rows}x{columns} forward", x, weight))
         if index:
             found.append(Product(f"{rows}x{columns} input gradient", output, weight.T))
@@ -58,7 +69,10 @@ def numpy_products(size: Size) -> Part:
     """The products by NumPy's BLAS, in GFLOP/s."""
 
     def program(product: Product) -> Program:
-        out, repeats = np.empty((product.left.shape[0], product.right.shape[1]), np.float32), product.repeats(size)
+        out, repeats = (
+            np.empty((product.left.shape[0], product.right.shape[1]), np.float32),
+            product.repeats(size),
+        )
 
         def call() -> None:
             for _ in range(repeats):
@@ -70,14 +84,20 @@ def numpy_products(size: Size) -> Part:
 
 
 def xla_products(size: Size) -> Part:
-    """The products by XLA, each a jitted program that writes into the memory of the last result, in GFLOP/s."""
+    """The products by XLA, each a jitted program that writes into the memory of the last result, in
+    GFLOP/s.
+    """
     from dronecombat_jax.machine import backend
 
     backend.prepare("cpu")
 
     def program(product: Product) -> Program:
         multiply, left, right = contraction(product)
-        last = [multiply(left, right, np.zeros((product.left.shape[0], product.right.shape[1]), np.float32))]
+        last = [
+            multiply(
+                left, right, np.zeros((product.left.shape[0], product.right.shape[1]), np.float32)
+            )
+        ]
         repeats = product.repeats(size)
 
         def call() -> None:
@@ -91,10 +111,11 @@ def xla_products(size: Size) -> Part:
 
 
 def contraction(product: Product) -> tuple[Callable[..., Any], Any, Any]:
-    """A jitted `multiply(left, right, out)` and both operands on the device, as they stand in memory.
+    """A jitted `multiply(left, right, out)` and both operands on the device, as they stand in
+    memory.
 
-    A transposed view is given as the array that it views, and contracted along its first axis. `out` gives its memory
-    to the result: fresh pages for every product would be timed, too.
+    A transposed view is given as the array that it views, and contracted along its first axis.
+    `out` gives its memory to the result: fresh pages for every product would be timed, too.
     """
     import jax
 
@@ -105,7 +126,9 @@ def contraction(product: Product) -> tuple[Callable[..., Any], Any, Any]:
     )
     axes = ((0,) if turned[0] else (1,), (1,) if turned[1] else (0,))
     multiply = jax.jit(
-        lambda left, right, out: jax.lax.dot_general(left, right, (axes, ((), ()))), donate_argnums=2, keep_unused=True
+        lambda left, right, out: jax.lax.dot_general(left, right, (axes, ((), ()))),
+        donate_argnums=2,
+        keep_unused=True,
     )
     return multiply, left, right
 
@@ -117,7 +140,9 @@ def memory(size: Size) -> Part:
     """
     cores = len(os.sched_getaffinity(0))
     a, b, c = (np.full(size.triad_floats, value, np.float32) for value in (0.0, 1.0, 2.0))
-    blocks = [slice(start, start + TRIAD_BLOCK) for start in range(0, size.triad_floats, TRIAD_BLOCK)]
+    blocks = [
+        slice(start, start + TRIAD_BLOCK) for start in range(0, size.triad_floats, TRIAD_BLOCK)
+    ]
     scale, pool = np.float32(3.0), ThreadPoolExecutor(cores)
 
     def sweep(mine: list[slice]) -> None:
@@ -143,7 +168,9 @@ def memory(size: Size) -> Part:
 
 
 def blas() -> str:
-    """NumPy's BLAS and the kernel that it runs on this processor, such as "OpenBLAS 0.3.30, kernel SkylakeX"."""
+    """NumPy's BLAS and the kernel that it runs on this processor, such as "OpenBLAS 0.3.30, kernel
+    SkylakeX".
+    """
     for library in sorted((Path(np.__file__).parents[1] / "numpy.libs").glob("*openblas*")):
         loaded = ctypes.CDLL(str(library))  # the one that NumPy has loaded
         answers = []

@@ -1,4 +1,6 @@
-"""Programs compiled ahead of time, for one device or spread over several; their leaves lead with [S, ...]."""
+"""Programs compiled ahead of time, for one device or spread over several; their leaves lead with
+[S, ...].
+"""
 
 import time
 from collections.abc import Callable
@@ -13,7 +15,9 @@ Mesh = jax.sharding.Mesh
 
 
 def spread(one: Callable[..., Any], mesh: Mesh | None) -> Callable[..., Any]:
-    """`one` for each of arguments [S, ...], in turn on one device; a `mesh` shares S out along its first axis."""
+    """`one` for each of arguments [S, ...], in turn on one device; a `mesh` shares S out along its
+    first axis.
+    """
     every = lambda *batch: jax.lax.map(lambda each: one(*each), batch)
     if mesh is None:
         return every
@@ -23,12 +27,18 @@ def spread(one: Callable[..., Any], mesh: Mesh | None) -> Callable[..., Any]:
 
 def place(tree: Any, mesh: Mesh | None) -> Any:
     """Leaves [S, ...] where `spread` wants them."""
-    where = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec(mesh.axis_names[0])) if mesh else None
+    where = (
+        jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec(mesh.axis_names[0]))
+        if mesh
+        else None
+    )
     return jax.device_put(jax.device_get(tree), where)
 
 
 def add(part: Part, name: str, work: float, function: Callable[..., Any], *arguments: Any) -> None:
-    """Compile `function` for `arguments`, and add to `part` a program that calls it and waits; unit: steps/s."""
+    """Compile `function` for `arguments`, and add to `part` a program that calls it and waits;
+    unit: steps/s.
+    """
     program = compile_timed(part, name, function, *arguments)
 
     def call() -> None:
@@ -38,7 +48,11 @@ def add(part: Part, name: str, work: float, function: Callable[..., Any], *argum
 
 
 def compile_timed(
-    part: Part, name: str, function: Callable[..., Any], *arguments: Any, donate: tuple[int, ...] = ()
+    part: Part,
+    name: str,
+    function: Callable[..., Any],
+    *arguments: Any,
+    donate: tuple[int, ...] = (),
 ) -> Callable[..., Any]:
     """Trace and compile `function` for `arguments`; the seconds go into `part`."""
     start = time.perf_counter()

@@ -1,10 +1,12 @@
-"""One seed on one device, one seed on several, a seed on each: environment steps per second and CPU seconds.
+"""One seed on one device, one seed on several, a seed on each: environment steps per second and CPU
+seconds.
 
     python benchmarks/devices.py
     python benchmarks/devices.py --meshes 1x1 1x2 2x1 --repeats 3 --set train.num_envs=4000
 
-Each mesh (seeds x environments) runs in processes of its own, in turns; printed are the best of all calls, and the
-least CPU time that an iteration of one seed took, which other work on the machine disturbs less.
+Each mesh (seeds x environments) runs in processes of its own, in turns; printed are the best of all
+calls, and the least CPU time that an iteration of one seed took, which other work on the machine
+disturbs less.
 """
 
 import argparse
@@ -20,10 +22,18 @@ LIMIT_SECONDS = 600.0  # of a process: one that hangs is killed
 
 def main() -> None:
     """Measure every mesh in turn and print one line for each."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--meshes", nargs="+", default=["1x1", "1x2", "2x1"])
     parser.add_argument("--repeats", type=int, default=2)
-    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings on top of the preset duel")
+    parser.add_argument(
+        "--set",
+        nargs="*",
+        default=[],
+        metavar="KEY=VALUE",
+        help="settings on top of the preset duel",
+    )
     parser.add_argument("--one", help=argparse.SUPPRESS)
     args = parser.parse_args()
     given = {key: json.loads(value) for key, _, value in (word.partition("=") for word in args.set)}
@@ -35,7 +45,9 @@ def main() -> None:
     for _ in range(args.repeats):
         for mesh in args.meshes:
             command = [sys.executable, __file__, "--one", mesh, "--set", *args.set]
-            done = subprocess.run(command, check=True, stdout=subprocess.PIPE, timeout=LIMIT_SECONDS)
+            done = subprocess.run(
+                command, check=True, stdout=subprocess.PIPE, timeout=LIMIT_SECONDS
+            )
             rate, cpu = json.loads(done.stdout.splitlines()[-1])
             old = best.get(mesh, (0.0, float("inf")))
             best[mesh] = max(old[0], rate), min(old[1], cpu)
@@ -44,7 +56,9 @@ def main() -> None:
 
 
 def measure(seeds: int, environments: int, given: dict) -> tuple[float, float]:
-    """The best rate of several calls, all seeds together, and CPU seconds of an iteration of one seed."""
+    """The best rate of several calls, all seeds together, and CPU seconds of an iteration of one
+    seed.
+    """
     from dronecombat_jax.config import settings
     from dronecombat_jax.machine import backend
 
@@ -59,7 +73,11 @@ def measure(seeds: int, environments: int, given: dict) -> tuple[float, float]:
     combat = Combat(config)
     mesh = device_mesh(seeds, environments) if seeds * environments > 1 else None
     state = place(jax.device_get(jax.jit(lambda: init_state(combat))()), mesh)
-    program = jitted(build_advance(combat, ITERATIONS, mesh), state, mesh, donate_argnums=0).lower(state).compile()
+    program = (
+        jitted(build_advance(combat, ITERATIONS, mesh), state, mesh, donate_argnums=0)
+        .lower(state)
+        .compile()
+    )
     state, _ = jax.block_until_ready(program(state))
     wall, cpu = [], []
     for _ in range(CALLS):

@@ -63,13 +63,21 @@ def training(num_seeds: int) -> Callable[[int, str], list[str]]:
     def words(number: int, folder: str) -> list[str]:
         return [
             *("dronecombat_jax", "train", "--preset", "smoke", "--run.directory", folder),
-            *("--seed", str(number), "--train.num-seeds", str(num_seeds), "--name", f"smoke-{number}"),
+            *(
+                "--seed",
+                str(number),
+                "--train.num-seeds",
+                str(num_seeds),
+                "--name",
+                f"smoke-{number}",
+            ),
         ]
 
     return words
 
 
-# What can be looped over: the words after `python -m`, for a process's number and a folder of its own.
+# What can be looped over: the words after `python -m`, for a process's number and a folder of its
+# own.
 PROGRAMS: dict[str, Callable[[int, str], list[str]]] = {
     "step-cores": part,
     "smoke": training(1),
@@ -79,22 +87,39 @@ PROGRAMS: dict[str, Callable[[int, str], list[str]]] = {
 
 def main() -> int:
     """Read the flags, start the processes, print the table; 0 if all finished."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("programs", nargs="+", choices=PROGRAMS, metavar="PROGRAM", help=", ".join(PROGRAMS))
-    parser.add_argument("--processes", type=int, default=20, help="of each program (default %(default)s)")
-    parser.add_argument("--limit", type=float, default=300.0, help="seconds each may take (default %(default)s)")
-    parser.add_argument("--python", default=sys.executable, help="the interpreter (default: this one)")
-    parser.add_argument("--cold", action="store_true", help="an empty compile cache for every process")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "programs", nargs="+", choices=PROGRAMS, metavar="PROGRAM", help=", ".join(PROGRAMS)
+    )
+    parser.add_argument(
+        "--processes", type=int, default=20, help="of each program (default %(default)s)"
+    )
+    parser.add_argument(
+        "--limit", type=float, default=300.0, help="seconds each may take (default %(default)s)"
+    )
+    parser.add_argument(
+        "--python", default=sys.executable, help="the interpreter (default: this one)"
+    )
+    parser.add_argument(
+        "--cold", action="store_true", help="an empty compile cache for every process"
+    )
     parser.add_argument("--json", type=Path, help="write the JSON object to this file too")
     flags = parser.parse_args()
     python = os.path.abspath(flags.python)
 
     versions = json.loads(subprocess.check_output([python, "-c", VERSIONS], text=True))
     print(", ".join(f"{name} {version}" for name, version in versions.items()))
-    loops = {name: loop(name, flags.processes, python, flags.limit, flags.cold) for name in flags.programs}
+    loops = {
+        name: loop(name, flags.processes, python, flags.limit, flags.cold)
+        for name in flags.programs
+    }
     result = {
         "versions": versions,
-        "environment": {key: value for key, value in sorted(os.environ.items()) if key.startswith(PREFIXES)},
+        "environment": {
+            key: value for key, value in sorted(os.environ.items()) if key.startswith(PREFIXES)
+        },
         "limit_seconds": flags.limit,
         "cold": flags.cold,
         "loops": loops,
@@ -119,16 +144,23 @@ def loop(name: str, count: int, python: str, limit: float, cold: bool) -> dict[s
             command = [python, "-m", *PROGRAMS[name](number, folder)]
             processes.append(run(number, command, environment, limit))
         _, verdict, exit_code, seconds, cpu_seconds, _ = processes[-1]
-        print(f"{number:11} {verdict:>9} {exit_code:5} {seconds:8.1f} {cpu_seconds:8.1f}", flush=True)
+        print(
+            f"{number:11} {verdict:>9} {exit_code:5} {seconds:8.1f} {cpu_seconds:8.1f}", flush=True
+        )
     verdicts = [process.verdict for process in processes]
-    counts = {verdict: verdicts.count(verdict) for verdict in ("finished", "failed", "slow", "hung")}
+    counts = {
+        verdict: verdicts.count(verdict) for verdict in ("finished", "failed", "slow", "hung")
+    }
     others = ", ".join(f"{number} {verdict}" for verdict, number in list(counts.items())[1:])
     print(f"{name}: {counts['finished']} of {count} finished, {others}")
     return counts | {"processes": [process._asdict() for process in processes]}
 
 
 def run(number: int, command: Sequence[str], environment: dict[str, str], limit: float) -> Process:
-    """One process, killed after `limit` seconds. A part of the benchmark does `CALLS` more calls."""
+    """One process, killed after `limit` seconds.
+
+    A part of the benchmark does `CALLS` more calls.
+    """
     before, start = _child_cpu_seconds(), time.monotonic()
     with tempfile.TemporaryFile("w+") as stderr:
         process = subprocess.Popen(

@@ -1,10 +1,12 @@
-"""Does what a drone did while it was down move its policy? One update of a run's defender, as it is and redrawn.
+"""Does what a drone did while it was down move its policy? One update of a run's defender, as it is
+and redrawn.
 
     python -m benchmarks.inactive_steps RUN --chunk 6 --seeds 5
 
-From a checkpoint of RUN one rollout is flown. Then the defender's update is computed twice: from the rollout, and from
-the rollout with other actions, and their log-probabilities, in the steps in which the defender lay on the ground. Printed
-is the cosine between the two steps of the policy's parameters for each `learn.inactive_steps`; 1 is right.
+From a checkpoint of RUN one rollout is flown. Then the defender's update is computed twice: from
+the rollout, and from the rollout with other actions, and their log-probabilities, in the steps in
+which the defender lay on the ground. Printed is the cosine between the two steps of the policy's
+parameters for each `learn.inactive_steps`; 1 is right.
 """
 
 import argparse
@@ -27,7 +29,9 @@ from dronecombat_jax.types import DEFENDER, Learner, Transition  # noqa: E402
 
 
 def rollout_of(run: SavedRun, key: jax.Array) -> Transition:
-    """One rollout of the first seed's live players in the fights under way, without those that fly alone."""
+    """One rollout of the first seed's live players in the fights under way, without those that fly
+    alone.
+    """
     fights = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), run.state.env)
     noise, spawn = jax.random.split(key)
     fly = jax.jit(lambda fights, both: collect(run.combat, both, fights, noise, spawn)[1])
@@ -39,7 +43,9 @@ def redrawn(run: SavedRun, rollout: Transition, key: jax.Array) -> Transition:
     steps, envs = rollout.clock.shape
     seen = rollout.observation.reshape(steps * envs, *rollout.observation.shape[2:])
     noise = jax.random.normal(key, (steps * envs, *rollout.action.shape[2:]))
-    action, log_prob = jax.jit(lambda both: act(run.config.learn, both, seen, noise))(policies(run, 0))
+    action, log_prob = jax.jit(lambda both: act(run.config.learn, both, seen, noise))(
+        policies(run, 0)
+    )
     idle = rollout.idle.at[..., 1].set(False)
     return rollout._replace(
         action=jnp.where(idle[..., None], action.reshape(rollout.action.shape), rollout.action),
@@ -49,10 +55,12 @@ def redrawn(run: SavedRun, rollout: Transition, key: jax.Array) -> Transition:
 
 def policy_step(learn: LearnConfig, learner: Learner, rollout: Transition) -> np.ndarray:
     """By how much one update moves the policy's parameters."""
-    after, _ = jax.jit(lambda one, flown: update_learner(learn, one, flown, DEFENDER, jax.random.key(0)))(
-        learner, rollout
+    after, _ = jax.jit(
+        lambda one, flown: update_learner(learn, one, flown, DEFENDER, jax.random.key(0))
+    )(learner, rollout)
+    flat = lambda one: np.concatenate(
+        [np.ravel(x) for x in jax.tree.leaves(policy_of(one).network)]
     )
-    flat = lambda one: np.concatenate([np.ravel(x) for x in jax.tree.leaves(policy_of(one).network)])
     return flat(after) - flat(learner)
 
 
@@ -75,7 +83,10 @@ def main() -> None:
             learn = replace(run.config.learn, inactive_steps=steps)
             a, b = (policy_step(learn, learner, flown) for flown in (rollout, other))
             cosine = float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
-            print(f"draw {seed}: down {share:.2f}, inactive_steps {steps:<5} cosine {cosine:.4f}", flush=True)
+            print(
+                f"draw {seed}: down {share:.2f}, inactive_steps {steps:<5} cosine {cosine:.4f}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

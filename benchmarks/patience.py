@@ -1,8 +1,10 @@
-"""How long a benchmark waits for a child: XLA's CPU runtime of jax 0.10 sleeps for ever on two cores.
+"""How long a benchmark waits for a child: XLA's CPU runtime of jax 0.10 sleeps for ever on two
+cores.
 
 A child says that it is alive after each program that it has compiled or called. If it says nothing
-for two minutes and takes no time of a processor either, it has hung: it is killed, and the benchmark
-goes on without it. What does not live here: what a child says otherwise (`worker`, `start`).
+for two minutes and takes no time of a processor either, it has hung: it is killed, and the
+benchmark goes on without it. What does not live here: what a child says otherwise (`worker`,
+`start`).
 """
 
 import contextlib

@@ -1,7 +1,9 @@
-"""The pieces of a training iteration as functions of one seed: same shapes as in training, made-up numbers.
+"""The pieces of a training iteration as functions of one seed: same shapes as in training, made-up
+numbers.
 
-Each takes what it computes on as arguments: XLA would compute on constants while it compiles. What an iteration takes
-besides them (observations, rules, rewards, resets, random numbers, sums) is the rest.
+Each takes what it computes on as arguments: XLA would compute on constants while it compiles. What
+an iteration takes besides them (observations, rules, rewards, resets, random numbers, sums) is the
+rest.
 """
 
 from collections.abc import Callable
@@ -14,7 +16,14 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.learn.ippo import init_learner, learn_from
 from dronecombat_jax.learn.rollout import act, collect, policy_of, select
 from dronecombat_jax.sim.flight import build_step
-from dronecombat_jax.types import ACTION_SIZE, ATTACKER, DEFENDER, NUM_AGENTS, OBSERVATION_SIZE, Learner
+from dronecombat_jax.types import (
+    ACTION_SIZE,
+    ATTACKER,
+    DEFENDER,
+    NUM_AGENTS,
+    OBSERVATION_SIZE,
+    Learner,
+)
 
 Piece = tuple[Callable[..., Any], tuple]  # a function, and what to call it with
 
@@ -44,7 +53,9 @@ def policy(combat: Combat) -> Piece:
 
 
 def learning(combat: Combat) -> Piece:
-    """Values, advantages and the update of both learners, on a rollout in which fights end about as often as in training."""
+    """Values, advantages and the update of both learners, on a rollout in which fights end about as
+    often as in training.
+    """
     learners, key = _learners(combat), jax.random.key(1)
     env = jax.vmap(combat.spawn)(combat.draw(key, (combat.config.train.num_envs,)))
     policies = policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
@@ -52,15 +63,23 @@ def learning(combat: Combat) -> Piece:
     fill = lambda leaf: _fill(key, leaf)
     rollout = jax.tree.map(fill, rollout)
     ends = jax.random.uniform(key, rollout.terminated.shape)
-    rollout = rollout._replace(terminated=ends < 0.01, truncated=ends > 1 - 1 / combat.config.game.episode_steps)
+    rollout = rollout._replace(
+        terminated=ends < 0.01, truncated=ends > 1 - 1 / combat.config.game.episode_steps
+    )
 
     def learn(learners: Learner, rollout: Any, seed: jax.Array) -> Any:
-        return learn_from(combat.config.learn, learners, rollout, jax.random.key(seed), jnp.ones(NUM_AGENTS, bool))
+        return learn_from(
+            combat.config.learn, learners, rollout, jax.random.key(seed), jnp.ones(NUM_AGENTS, bool)
+        )
 
     return learn, (learners, rollout, jnp.zeros((), jnp.uint32))
 
 
-PIECES: dict[str, Callable[[Combat], Piece]] = {"physics": physics, "policy": policy, "learning": learning}
+PIECES: dict[str, Callable[[Combat], Piece]] = {
+    "physics": physics,
+    "policy": policy,
+    "learning": learning,
+}
 
 
 def for_seeds(arguments: tuple, num_seeds: int) -> tuple:
@@ -69,7 +88,9 @@ def for_seeds(arguments: tuple, num_seeds: int) -> tuple:
 
 
 def _learners(combat: Combat) -> Learner:
-    return jax.vmap(lambda key: init_learner(key, combat.config.learn))(jax.random.split(jax.random.key(0), NUM_AGENTS))
+    return jax.vmap(lambda key: init_learner(key, combat.config.learn))(
+        jax.random.split(jax.random.key(0), NUM_AGENTS)
+    )
 
 
 def _normal(combat: Combat, width: int) -> jax.Array:

@@ -1,4 +1,5 @@
-"""How closely exported policies agree with the run's own on what they see in fights: NumPy, JAX, exact sums.
+"""How closely exported policies agree with the run's own on what they see in fights: NumPy, JAX,
+exact sums.
 
 python benchmarks/policy_agreement.py runs/ippo [seed index]
 """
@@ -35,9 +36,13 @@ def main(path: Path, index: int) -> None:
             save_policy(Path(folder) / "policy.safetensors", policy, info)
             alone = NumpyPolicy(Path(folder) / "policy.safetensors")
         observation = seen[:, :, ROLES.index(role)].reshape(-1, seen.shape[-1])
-        ours = np.asarray(jax.jit(lambda x, policy=policy: policy_mean(run.config.learn, policy, x))(observation))
+        ours = np.asarray(
+            jax.jit(lambda x, policy=policy: policy_mean(run.config.learn, policy, x))(observation)
+        )
         exact, theirs = float64_mean(alone, observation), alone(observation)
-        print(f"{role}: {len(observation):,} observations, largest number in an action {np.abs(ours).max():.2f}")
+        print(
+            f"{role}: {len(observation):,} observations, largest number in an action {np.abs(ours).max():.2f}"
+        )
         for name, a, b in (("NumPy - JAX", theirs, ours), ("JAX - exact", ours, exact)):
             raw, flown = np.abs(a - b).max(), np.abs(np.clip(a, -1, 1) - np.clip(b, -1, 1)).max()
             print(f"  {name}: {flown:.1e} as flown, {raw:.1e} before the clip to [-1, 1]")
@@ -52,7 +57,9 @@ def observations(run, pair) -> np.ndarray:
     def fly(pair, key):
         start_key, fight_key = jax.random.split(key)
         start = start_fights(run.combat, start_key, FIGHTS)
-        defender, attacker = (policy_pilot(run.config.learn, policy, role) for role, policy in enumerate(pair))
+        defender, attacker = (
+            policy_pilot(run.config.learn, policy, role) for role, policy in enumerate(pair)
+        )
         flown = record(run.combat, defender, attacker, start, fight_key)
         see = lambda one, qpos, qvel: run.combat.observe(one.replace(qpos=qpos, qvel=qvel))
         return jax.vmap(lambda qpos, qvel: jax.vmap(see)(start, qpos, qvel))(flown.qpos, flown.qvel)

@@ -1,4 +1,6 @@
-"""What others reach on the same models: C MuJoCo's own threaded rollout. Plain MJX is in `stepping`, beside ours."""
+"""What others reach on the same models: C MuJoCo's own threaded rollout. Plain MJX is in
+`stepping`, beside ours.
+"""
 
 import os
 from typing import Any
@@ -8,9 +10,11 @@ from benchmarks.worker import Part, Program
 
 
 def mujoco_rollout(size: Size) -> Part:
-    """`mujoco.rollout` with a thread on each core: the lean model that MJX steps, and the full one with its actuators.
+    """`mujoco.rollout` with a thread on each core: the lean model that MJX steps, and the full one
+    with its actuators.
 
-    Environment steps (two physics steps) per second, in float64 as C MuJoCo computes; states are written for every step.
+    Environment steps (two physics steps) per second, in float64 as C MuJoCo computes; states are
+    written for every step.
     """
     import mujoco
     import numpy as np

@@ -1,4 +1,5 @@
-"""From the rates of every round to what is reported: spreads, floors, ratios, the split of an iteration.
+"""From the rates of every round to what is reported: spreads, floors, ratios, the split of an
+iteration.
 
 Every ratio is taken within a round. What a round lacks (parts that were left out) is left out here.
 """
@@ -16,7 +17,8 @@ Rates = dict[str, float]  # of one round, by "part/program"
 
 NOMINAL_GFLOPS = 150.0  # the matrix-product rate of the machine for which the targets were set
 PIECES = ("physics", "policy", "learning")
-SELFPLAY_PROBABILITY = 0.2  # the paper's S-IPPO: the share of chunks in which the defender meets a past attacker
+# the paper's S-IPPO: the share of chunks in which the defender meets a past attacker
+SELFPLAY_PROBABILITY = 0.2
 
 
 class Target(NamedTuple):
@@ -38,7 +40,8 @@ def floor(rates: Rates, size: Size) -> float:
 
 
 def shape_floor(rates: Rates, size: Size, part: str) -> float:
-    """The same with every product at the rate that `part` ("numpy", "xla") measured for its own shape on a mini-batch.
+    """The same with every product at the rate that `part` ("numpy", "xla") measured for its own
+    shape on a mini-batch.
 
     The value's last column and the policy's four are taken at the rate of the latter.
     """
@@ -51,7 +54,10 @@ def shape_floor(rates: Rates, size: Size, part: str) -> float:
         times = {"forward": 1 + size.epochs, "weight gradient": size.epochs}
         if index:
             times["input gradient"] = size.epochs
-        seconds += sum(gflop * count / rates[f"{part}/{rows}x{columns} {name}"] for name, count in times.items())
+        seconds += sum(
+            gflop * count / rates[f"{part}/{rows}x{columns} {name}"]
+            for name, count in times.items()
+        )
     return 1.0 / seconds
 
 
@@ -64,23 +70,46 @@ def mixed(rates: Rates) -> float:
 TRAINED, STEPPED = "ippo-seeds/iteration", "step-cores/environment"
 TARGETS = (
     Target("IPPO, two seeds: steps/s", lambda r, s: r[TRAINED], 20_000),
-    Target("IPPO, two seeds: share of the matmul floor", lambda r, s: r[TRAINED] / floor(r, s), 0.65),
-    Target("the same of the floor at the networks' shapes (XLA)", lambda r, s: r[TRAINED] / shape_floor(r, s, "xla")),
     Target(
-        "IPPO, two seeds, scaled to 150 GFLOP/s: steps/s", lambda r, s: r[TRAINED] * NOMINAL_GFLOPS / gflops(r), 20_000
+        "IPPO, two seeds: share of the matmul floor", lambda r, s: r[TRAINED] / floor(r, s), 0.65
+    ),
+    Target(
+        "the same of the floor at the networks' shapes (XLA)",
+        lambda r, s: r[TRAINED] / shape_floor(r, s, "xla"),
+    ),
+    Target(
+        "IPPO, two seeds, scaled to 150 GFLOP/s: steps/s",
+        lambda r, s: r[TRAINED] * NOMINAL_GFLOPS / gflops(r),
+        20_000,
     ),
     Target("environment alone: steps/s", lambda r, s: r[STEPPED], 350_000),
-    Target("environment / plain mjx.Data, one program", lambda r, s: r[STEPPED] / r["step/plain data"], 4.0),
-    Target("environment / plain mjx.Data, a device per core", lambda r, s: r[STEPPED] / r["step-cores/plain data"]),
-    Target("environment / mujoco.rollout, lean model", lambda r, s: r[STEPPED] / r["mujoco/lean"], 1.5),
-    Target("environment / mujoco.rollout, full model", lambda r, s: r[STEPPED] / r["mujoco/full"], 1.5),
-    Target("physics alone / mujoco.rollout, lean model", lambda r, s: r["step-cores/physics"] / r["mujoco/lean"]),
+    Target(
+        "environment / plain mjx.Data, one program",
+        lambda r, s: r[STEPPED] / r["step/plain data"],
+        4.0,
+    ),
+    Target(
+        "environment / plain mjx.Data, a device per core",
+        lambda r, s: r[STEPPED] / r["step-cores/plain data"],
+    ),
+    Target(
+        "environment / mujoco.rollout, lean model", lambda r, s: r[STEPPED] / r["mujoco/lean"], 1.5
+    ),
+    Target(
+        "environment / mujoco.rollout, full model", lambda r, s: r[STEPPED] / r["mujoco/full"], 1.5
+    ),
+    Target(
+        "physics alone / mujoco.rollout, lean model",
+        lambda r, s: r["step-cores/physics"] / r["mujoco/lean"],
+    ),
 )
 START_TARGETS = {"cold": 30.0, "warm": 8.0}  # seconds to the first line of training, at most
 
 
 def derive(record: dict[str, Any]) -> dict[str, Any]:
-    """`rates`, `floors`, `ratios` and `split` of a record, every figure with its spread over the rounds."""
+    """`rates`, `floors`, `ratios` and `split` of a record, every figure with its spread over the
+    rounds.
+    """
     rounds, fields = record["rounds"], record["size"]
     size = Size(**{**fields, "hidden_sizes": tuple(fields["hidden_sizes"])})
     if not rounds:
@@ -96,7 +125,12 @@ def derive(record: dict[str, Any]) -> dict[str, Any]:
     for name, value, least in TARGETS:
         found = _known(rounds, {name: lambda r, value=value: value(r, size)})
         ratios |= {key: {"least": least, **spread} for key, spread in found.items()}
-    return {"rates": values, "floors": _known(rounds, floors), "ratios": ratios, "split": _splits(record)}
+    return {
+        "rates": values,
+        "floors": _known(rounds, floors),
+        "ratios": ratios,
+        "split": _splits(record),
+    }
 
 
 def _known(rounds: list[Rates], figures: dict[str, Callable[[Rates], float]]) -> dict[str, Any]:
@@ -111,8 +145,12 @@ def _known(rounds: list[Rates], figures: dict[str, Callable[[Rates], float]]) ->
 
 
 def _splits(record: dict[str, Any]) -> dict[str, Any]:
-    """Milliseconds of an iteration and its pieces, by part; the rest is what the pieces leave, round by round."""
-    return {part: _split(record, part) for part in ("ippo", "ippo-seeds") if part in record["parts"]}
+    """Milliseconds of an iteration and its pieces, by part; the rest is what the pieces leave,
+    round by round.
+    """
+    return {
+        part: _split(record, part) for part in ("ippo", "ippo-seeds") if part in record["parts"]
+    }
 
 
 def _split(record: dict[str, Any], part: str) -> dict[str, Any]:
@@ -124,5 +162,7 @@ def _split(record: dict[str, Any], part: str) -> dict[str, Any]:
     figures: dict[str, Callable[[Rates], float]] = {
         name: partial(milliseconds, name=name) for name in ("iteration", "flight", *PIECES)
     }
-    figures["rest"] = lambda rates: figures["iteration"](rates) - sum(figures[name](rates) for name in PIECES)
+    figures["rest"] = lambda rates: (
+        figures["iteration"](rates) - sum(figures[name](rates) for name in PIECES)
+    )
     return _known(record["rounds"], figures)

@@ -3,10 +3,11 @@
     make bench-scaling
     python -m benchmarks.scaling [--only environments seeds pool tournament] [--json FILE]
 
-Every size is a part of the benchmark (`worker`) at another size, in a process of its own, one after the other: its
-programs are compiled, called once and then repeated. Peak memory is that of the process, compiler and all. Sizes that
-need more memory than there is, and sizes that hang (`patience`), are left out and named; the exit code
-is 1 where a size has hung. Prints Markdown tables and writes a JSON file.
+Every size is a part of the benchmark (`worker`) at another size, in a process of its own, one after
+the other: its programs are compiled, called once and then repeated. Peak memory is that of the
+process, compiler and all. Sizes that need more memory than there is, and sizes that hang
+(`patience`), are left out and named; the exit code is 1 where a size has hung. Prints Markdown
+tables and writes a JSON file.
 """
 
 import argparse
@@ -47,8 +48,12 @@ SWEEPS = {
         lambda size, n: replace(size, num_envs=n, seeds=1),
         0.3,
     ),
-    "seeds": Sweep("seeds", (1, 2, 4, 8), "iteration", lambda size, n: replace(size, seeds=n), 300.0),
-    "pool": Sweep("past players", (1, 10, 100, 1000), "sippo-pool", lambda size, n: replace(size, pool=n), 1.0),
+    "seeds": Sweep(
+        "seeds", (1, 2, 4, 8), "iteration", lambda size, n: replace(size, seeds=n), 300.0
+    ),
+    "pool": Sweep(
+        "past players", (1, 10, 100, 1000), "sippo-pool", lambda size, n: replace(size, pool=n), 1.0
+    ),
     "pool-environment": Sweep(
         "past players, one drawn for each environment",
         (1, 10, 100, 1000),
@@ -68,15 +73,32 @@ SWEEPS = {
 
 def main() -> int:
     """Read the flags, measure, print the tables; 0 if nothing has hung."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(
-        "--only", nargs="+", choices=SWEEPS, default=list(SWEEPS), metavar="SWEEP", help=", ".join(SWEEPS)
+        "--only",
+        nargs="+",
+        choices=SWEEPS,
+        default=list(SWEEPS),
+        metavar="SWEEP",
+        help=", ".join(SWEEPS),
     )
     parser.add_argument("--most", type=int, help="leave out larger values")
-    parser.add_argument("--repetitions", type=int, default=2, help="of every size (default %(default)s)")
-    parser.add_argument("--json", type=Path, default=DEFAULT_FILE, help="the record (default %(default)s)")
-    parser.add_argument("--cache", type=Path, help="a compile cache to keep and use; compile times are then not cold")
-    parser.add_argument("--tiny", action="store_true", help="tiny networks and few steps; the figures mean nothing")
+    parser.add_argument(
+        "--repetitions", type=int, default=2, help="of every size (default %(default)s)"
+    )
+    parser.add_argument(
+        "--json", type=Path, default=DEFAULT_FILE, help="the record (default %(default)s)"
+    )
+    parser.add_argument(
+        "--cache",
+        type=Path,
+        help="a compile cache to keep and use; compile times are then not cold",
+    )
+    parser.add_argument(
+        "--tiny", action="store_true", help="tiny networks and few steps; the figures mean nothing"
+    )
     flags = parser.parse_args()
     end_tidily()
     if flags.repetitions < 1:
@@ -84,9 +106,13 @@ def main() -> int:
     begun, load, cache = time.monotonic(), Load(), flags.cache and flags.cache.absolute()
     record = provenance() | {"cold": cache is None, "repetitions": flags.repetitions, "sweeps": {}}
     for name in flags.only:
-        values = [value for value in SWEEPS[name].values if flags.most is None or value <= flags.most]
+        values = [
+            value for value in SWEEPS[name].values if flags.most is None or value <= flags.most
+        ]
         size = TINY if flags.tiny else Size()
-        record["sweeps"][name] = [measure(name, size, value, flags.repetitions, cache) for value in values]
+        record["sweeps"][name] = [
+            measure(name, size, value, flags.repetitions, cache) for value in values
+        ]
     record |= {"load": load.cores(), "seconds": time.monotonic() - begun}
     flags.json.parent.mkdir(parents=True, exist_ok=True)
     flags.json.write_text(json.dumps(record, indent=1) + "\n")
@@ -95,7 +121,9 @@ def main() -> int:
     return 1 if any(row.get("hung") for rows in record["sweeps"].values() for row in rows) else 0
 
 
-def measure(name: str, size: Size, value: int, repetitions: int, cache: Path | None = None) -> dict[str, Any]:
+def measure(
+    name: str, size: Size, value: int, repetitions: int, cache: Path | None = None
+) -> dict[str, Any]:
     """One size: rates of its programs, seconds to compile, peak memory; or why it was left out."""
     sweep, there = SWEEPS[name], machine_bytes()
     say(f"{sweep.title}: {value}")
@@ -108,16 +136,24 @@ def measure(name: str, size: Size, value: int, repetitions: int, cache: Path | N
     except Hung as hung:
         say(str(hung))
         return {"value": value, "left_out": str(hung), "hung": True}
-    return {"value": value, **ready, "rates": {key: summary([one[key] for one in rates]) for key in rates[0]}}
+    return {
+        "value": value,
+        **ready,
+        "rates": {key: summary([one[key] for one in rates]) for key in rates[0]},
+    }
 
 
 def markdown(record: dict[str, Any]) -> str:
     """A table for every sweep."""
-    return "\n\n".join([head(record), *(_table(name, rows) for name, rows in record["sweeps"].items())])
+    return "\n\n".join(
+        [head(record), *(_table(name, rows) for name, rows in record["sweeps"].items())]
+    )
 
 
 def _table(name: str, rows: list[dict[str, Any]]) -> str:
-    """Rates, compile time and memory by value; how an iteration's time grows where rates alone would not tell."""
+    """Rates, compile time and memory by value; how an iteration's time grows where rates alone
+    would not tell.
+    """
     programs = next((list(row["rates"]) for row in rows if "rates" in row), [])
     lines = []
     for row in rows:
@@ -128,7 +164,15 @@ def _table(name: str, rows: list[dict[str, Any]]) -> str:
         seconds = row["work"][first] / row["rates"][first]["median"]
         cells = [spread(row["rates"][program]) for program in programs]
         compiled = sum(row["compile_seconds"].values())
-        lines.append([f"{row['value']:,}", *cells, f"{seconds:.2f}", f"{compiled:.1f}", f"{row['peak_mib']:,.0f}"])
+        lines.append(
+            [
+                f"{row['value']:,}",
+                *cells,
+                f"{seconds:.2f}",
+                f"{compiled:.1f}",
+                f"{row['peak_mib']:,.0f}",
+            ]
+        )
     header = [SWEEPS[name].title, *(f"{program}: steps/s" for program in programs)]
     return table([*header, "seconds a call", "compile, s", "peak memory, MiB"], lines)
 

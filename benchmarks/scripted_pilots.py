@@ -2,8 +2,9 @@
 
     python benchmarks/scripted_pilots.py [--fights 256] [--seed 0] [--preset paper] [--uniform]
 
-Every attacker against every defender from the same starts, in one program. Prints a Markdown table of shares with
-95 % Wilson intervals in per cent; down: the share of fights in which that drone had crashed by the end.
+Every attacker against every defender from the same starts, in one program. Prints a Markdown table
+of shares with 95 % Wilson intervals in per cent; down: the share of fights in which that drone had
+crashed by the end.
 """
 
 import argparse
@@ -14,10 +15,16 @@ from dronecombat_jax.machine import backend
 def main() -> None:
     """Read the flags, fight, print the table."""
     parser = argparse.ArgumentParser(description="Fight all scripted pilots against each other.")
-    parser.add_argument("--fights", type=int, default=256, help="fights per pair (default %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="of the start states (default %(default)s)")
+    parser.add_argument(
+        "--fights", type=int, default=256, help="fights per pair (default %(default)s)"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of the start states (default %(default)s)"
+    )
     parser.add_argument("--preset", default="paper", help="whose game (default %(default)s)")
-    parser.add_argument("--uniform", action="store_true", help="start anywhere, whatever the preset says")
+    parser.add_argument(
+        "--uniform", action="store_true", help="start anywhere, whatever the preset says"
+    )
     flags = parser.parse_args()
     backend.prepare("cpu")
     table(flags.fights, flags.seed, flags.preset, flags.uniform)
@@ -43,11 +50,16 @@ def table(fights: int, seed: int, preset: str, uniform: bool) -> None:
     which = np.repeat(np.arange(len(pairs)), fights)
 
     def pilot(names: list[str], index: np.ndarray):
-        return one_per_fight([build_pilot(name, combat.config, combat.scene) for name in names], jnp.asarray(index))
+        return one_per_fight(
+            [build_pilot(name, combat.config, combat.scene) for name in names], jnp.asarray(index)
+        )
 
     once = start_fights(combat, jax.random.key(seed), fights)
     start = jax.tree.map(lambda leaf: jnp.tile(leaf, (len(pairs),) + (1,) * (leaf.ndim - 1)), once)
-    defender, attacker = pilot(defenders, which % len(defenders)), pilot(attackers, which // len(defenders))
+    defender, attacker = (
+        pilot(defenders, which % len(defenders)),
+        pilot(attackers, which // len(defenders)),
+    )
     match = jax.jit(lambda start: fight(combat, defender, attacker, start, jax.random.key(seed)))
     result = jax.device_get(match(start))
 
@@ -59,10 +71,14 @@ def table(fights: int, seed: int, preset: str, uniform: bool) -> None:
     print("|---|---|" + "---|" * len(columns))
     for index, names in enumerate(pairs):
         rows = which == index
-        told = summary(combat.config, FightResult(result.cause[rows], result.steps[rows], result.down[rows]))
+        told = summary(
+            combat.config, FightResult(result.cause[rows], result.steps[rows], result.down[rows])
+        )
         shares = [told["cause"]["intercept"], told["cause"]["reached"], *told["crash"].values()]
         shares.append(told["cause"]["timeout"])
-        cells = [f"{100 * share:.1f} [{100 * low:.1f}, {100 * high:.1f}]" for share, low, high in shares]
+        cells = [
+            f"{100 * share:.1f} [{100 * low:.1f}, {100 * high:.1f}]" for share, low, high in shares
+        ]
         print(f"| {' | '.join(names)} | {' | '.join(cells)} | {told['seconds']['mean']:.2f} |")
 
 

@@ -1,11 +1,19 @@
-"""How much each part computes: the size that is reported, and a tiny one that only shows that everything runs."""
+"""How much each part computes: the size that is reported, and a tiny one that only shows that
+everything runs.
+"""
 
 import json
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from dronecombat_jax.config.fields import Config, LearnConfig, RunConfig, SelfPlayConfig, TrainConfig
+from dronecombat_jax.config.fields import (
+    Config,
+    LearnConfig,
+    RunConfig,
+    SelfPlayConfig,
+    TrainConfig,
+)
 
 OBSERVATION_SIZE, ACTION_SIZE = 35, 4
 
@@ -33,7 +41,9 @@ class Size:
     device: Literal["auto", "cpu", "gpu", "tpu"] = "cpu"
     seeds_at_once: int = 0  # of training: `run.seeds_at_once`
 
-    def config(self, num_seeds: int = 1, probability: float = 0.0, scope: Scope = "chunk") -> Config:
+    def config(
+        self, num_seeds: int = 1, probability: float = 0.0, scope: Scope = "chunk"
+    ) -> Config:
         """The package's defaults, the paper's reading, at this size."""
         train = TrainConfig(num_envs=self.num_envs, num_seeds=num_seeds)
         steps = self.pool * train.chunk_iterations * self.num_envs * self.rollout_steps
@@ -85,12 +95,16 @@ TINY = Size(
 def mflop_per_step(size: Size) -> float:
     """MFLOP of matrix products per environment step of IPPO with two learners.
 
-    Four networks forward in the rollout; every epoch all of them forward, with the gradients of all weights and of
-    the inputs of all layers but the first. Paper settings: 0.336 + 5 (0.336 + 0.336 + 0.265) = 5.0.
+    Four networks forward in the rollout; every epoch all of them forward, with the gradients of all
+    weights and of the inputs of all layers but the first. Paper settings: 0.336 + 5 (0.336 + 0.336
+    + 0.265) = 5.0.
     """
     forward = inputs = 0
     for output in (ACTION_SIZE, 1):  # policy and value
-        products = [2 * rows * columns for rows, columns in pairwise((OBSERVATION_SIZE, *size.hidden_sizes, output))]
+        products = [
+            2 * rows * columns
+            for rows, columns in pairwise((OBSERVATION_SIZE, *size.hidden_sizes, output))
+        ]
         forward += sum(products)
         inputs += sum(products[1:])
     return 2 * (forward + size.epochs * (2 * forward + inputs)) / 1e6

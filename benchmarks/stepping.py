@@ -11,7 +11,9 @@ from benchmarks.worker import Part, peak_mib
 
 
 def stepping(size: Size, per_core: bool) -> Part:
-    """The three programs with `num_envs` environments, as one program on all cores or, `per_core`, on a device each."""
+    """The three programs with `num_envs` environments, as one program on all cores or, `per_core`,
+    on a device each.
+    """
     from dronecombat_jax.machine import backend
 
     devices = backend.cores() if per_core else 1
@@ -21,12 +23,22 @@ def stepping(size: Size, per_core: bool) -> Part:
     from benchmarks.compiling import add, place, spread
     from dronecombat_jax.combat.env import Combat
 
-    mesh = jax.make_mesh((devices,), ("devices",), (jax.sharding.AxisType.Auto,)) if devices > 1 else None
+    mesh = (
+        jax.make_mesh((devices,), ("devices",), (jax.sharding.AxisType.Auto,))
+        if devices > 1
+        else None
+    )
     combat = Combat(size.config())
-    part = Part(facts={"devices": devices, "kind": jax.devices()[0].device_kind, "num_envs": size.num_envs})
+    part = Part(
+        facts={"devices": devices, "kind": jax.devices()[0].device_kind, "num_envs": size.num_envs}
+    )
     work = devices * size.num_envs * size.flown_steps
     keys = place(jax.random.split(jax.random.key(0), devices), mesh)
-    for name, build in (("environment", environment), ("physics", physics), ("plain data", plain_data)):
+    for name, build in (
+        ("environment", environment),
+        ("physics", physics),
+        ("plain data", plain_data),
+    ):
         add(part, name, work, spread(build(combat, size), mesh), keys)
         part.programs[-1].call()
         part.peak_mib = part.peak_mib or peak_mib()
@@ -34,7 +46,9 @@ def stepping(size: Size, per_core: bool) -> Part:
 
 
 def environment(combat: Any, size: Size) -> Any:
-    """`fly(key)`: random actions and automatic reset, as in training; rules, rewards and observations are computed."""
+    """`fly(key)`: random actions and automatic reset, as in training; rules, rewards and
+    observations are computed.
+    """
     import jax
     import jax.numpy as jnp
 
@@ -59,7 +73,9 @@ def environment(combat: Any, size: Size) -> Any:
 
 
 def physics(combat: Any, size: Size) -> Any:
-    """`fly(key)`: the substeps alone, on the lean model; positions and velocities are all that is carried."""
+    """`fly(key)`: the substeps alone, on the lean model; positions and velocities are all that is
+    carried.
+    """
     import jax
 
     from dronecombat_jax.sim.flight import build_step
@@ -75,7 +91,9 @@ def physics(combat: Any, size: Size) -> Any:
 
 
 def plain_data(combat: Any, size: Size) -> Any:
-    """`fly(key)`: the full model with its actuators, and all of `mjx.Data` carried, as MJX's tutorial does."""
+    """`fly(key)`: the full model with its actuators, and all of `mjx.Data` carried, as MJX's
+    tutorial does.
+    """
     import jax
     import jax.numpy as jnp
     import mujoco
@@ -102,14 +120,18 @@ def plain_data(combat: Any, size: Size) -> Any:
                 data = jax.vmap(mjx.step, in_axes=(None, 0))(model, data)
             return data, None
 
-        many = jax.vmap(lambda qpos, qvel: data.replace(qpos=qpos, qvel=qvel))(start.qpos, start.qvel)
+        many = jax.vmap(lambda qpos, qvel: data.replace(qpos=qpos, qvel=qvel))(
+            start.qpos, start.qvel
+        )
         return jax.lax.scan(step, many, control)[0]
 
     return fly
 
 
 def gentle(combat: Any, size: Size, key: Any) -> Any:
-    """Actions [T, N, A, 4] near hover: nobody tumbles, since the plain model's explicit gyroscopic term would diverge."""
+    """Actions [T, N, A, 4] near hover: nobody tumbles, since the plain model's explicit gyroscopic
+    term would diverge.
+    """
     import jax
 
     from dronecombat_jax.sim.flight import hover_command

@@ -31,7 +31,12 @@ ROWS = (
     ("(e) tournament fights", "tournament/fights"),
 )
 TRAINING = ("ippo/iteration", "ippo-seeds/iteration", "sippo/live", "sippo/frozen", "sippo/mixed")
-PRODUCTS = (("numpy-1", "NumPy, 1 thread"), ("numpy", "NumPy, all"), ("xla-1", "XLA, 1 thread"), ("xla", "XLA, all"))
+PRODUCTS = (
+    ("numpy-1", "NumPy, 1 thread"),
+    ("numpy", "NumPy, all"),
+    ("xla-1", "XLA, 1 thread"),
+    ("xla", "XLA, all"),
+)
 
 
 def markdown(record: dict[str, Any]) -> str:
@@ -46,9 +51,16 @@ def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     if len(lines) == 1:
         return ""
     widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
-    pad = lambda line: [word.ljust(w) if i == 0 else word.rjust(w) for i, (word, w) in enumerate(zip(line, widths))]  # noqa: B905
-    rule = ["-" * width if index == 0 else "-" * (width - 1) + ":" for index, width in enumerate(widths)]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (pad(lines[0]), rule, *map(pad, lines[1:])))
+    pad = lambda line: [
+        word.ljust(w) if i == 0 else word.rjust(w)
+        for i, (word, w) in enumerate(zip(line, widths, strict=False))
+    ]
+    rule = [
+        "-" * width if index == 0 else "-" * (width - 1) + ":" for index, width in enumerate(widths)
+    ]
+    return "\n".join(
+        "| " + " | ".join(cells) + " |" for cells in (pad(lines[0]), rule, *map(pad, lines[1:]))
+    )
 
 
 def spread(figure: dict[str, Any], form: str = ",.0f") -> str:
@@ -64,7 +76,9 @@ def head(record: dict[str, Any]) -> str:
     ]
     if record.get("load"):
         others, hypervisor = record["load"]["other_processes"], record["load"]["hypervisor"]
-        lines.append(f"Meanwhile other processes took {others:.2f} cores and the hypervisor {hypervisor:.2f}.")
+        lines.append(
+            f"Meanwhile other processes took {others:.2f} cores and the hypervisor {hypervisor:.2f}."
+        )
     lines.append(
         f"Median (minimum to maximum) of {record['repetitions']} repetitions; {record['seconds'] / 60:.1f} minutes in all."
     )
@@ -93,9 +107,19 @@ def _throughput(record: dict[str, Any]) -> str:
             compiled = next(iter(report["compile_seconds"].values()))
         bound = f"{floor['median']:,.0f}" if floor and name in TRAINING else ""
         share = f"{rates[name]['median'] / floor['median']:.2f}" if bound and floor else ""
-        first = name == f"{part}/{next(iter(report['work']))}"  # the process's peak belongs to its first program
+        # the process's peak belongs to its first program
+        first = name == f"{part}/{next(iter(report['work']))}"
         memory = f"{report['peak_mib']:,.0f} MiB" if first else ""
-        rows.append([title, spread(rates[name]), bound, share, f"{compiled:.1f} s" if compiled else "", memory])
+        rows.append(
+            [
+                title,
+                spread(rates[name]),
+                bound,
+                share,
+                f"{compiled:.1f} s" if compiled else "",
+                memory,
+            ]
+        )
     compiling = "compile, cold" if record["cold"] else "compile, from the cache"
     header = ("", "environment steps/s", "matmul floor", "ratio", compiling, "peak memory")
     return table(header, rows)
@@ -128,7 +152,9 @@ def _split(record: dict[str, Any]) -> str:
                 *cells,
             ]
         )
-    return table(("milliseconds of an iteration", "all", "physics", "policy", "learning", "rest"), rows)
+    return table(
+        ("milliseconds of an iteration", "all", "physics", "policy", "learning", "rest"), rows
+    )
 
 
 def _ceilings(record: dict[str, Any]) -> str:
@@ -138,16 +164,23 @@ def _ceilings(record: dict[str, Any]) -> str:
     names = list(record["parts"][columns[0][0]]["work"]) if columns else []
     cube = record["size"]["cube"]
     rows = [
-        [f"{cube} cubed" if name == "cube" else name, *(spread(rates[f"{part}/{name}"]) for part, _ in columns)]
+        [
+            f"{cube} cubed" if name == "cube" else name,
+            *(spread(rates[f"{part}/{name}"]) for part, _ in columns),
+        ]
         for name in names
     ]
-    found = [table((f"GFLOP/s, batch {_size(record).minibatch}", *(title for _, title in columns)), rows)]
+    found = [
+        table((f"GFLOP/s, batch {_size(record).minibatch}", *(title for _, title in columns)), rows)
+    ]
     if "memory/triad" in rates:
         one, every = spread(rates["memory/triad-1"], ".1f"), spread(rates["memory/triad"], ".1f")
         found.append(f"Memory, triad: {one} GB/s with one thread, {every} GB/s with one per core.")
     if floors:
         listed = "; ".join(f"{name}: {spread(figure)}" for name, figure in floors.items())
-        found.append(f"Floors of IPPO at {mflop_per_step(_size(record)):.2f} MFLOP a step, in steps/s: {listed}.")
+        found.append(
+            f"Floors of IPPO at {mflop_per_step(_size(record)):.2f} MFLOP a step, in steps/s: {listed}."
+        )
     return "\n\n".join(text for text in found if text)
 
 
@@ -159,7 +192,15 @@ def _start(record: dict[str, Any]) -> str:
         verdict = "yes" if seconds["first_line_at"] <= least else "no"
         rows.append([kind, *(f"{seconds[name]:.1f}" for name in names), f"{least:.0f}", verdict])
     return table(
-        ("`dronecombat train`, seconds", "until it compiles", "compiling", "first line at", "at most", "reached"), rows
+        (
+            "`dronecombat train`, seconds",
+            "until it compiles",
+            "compiling",
+            "first line at",
+            "at most",
+            "reached",
+        ),
+        rows,
     )
 
 
@@ -169,7 +210,9 @@ def _size(record: dict[str, Any]) -> Size:
 
 def main() -> None:
     """Print the tables of a record."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("record", type=Path, help="what benchmarks.throughput has written")
     print(markdown(json.loads(parser.parse_args().record.read_text())))
 

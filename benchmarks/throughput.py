@@ -1,13 +1,15 @@
-"""Throughput side by side with this machine's own ceilings and with references, all in one run of about five minutes.
+"""Throughput side by side with this machine's own ceilings and with references, all in one run of
+about five minutes.
 
     make bench
     python -m benchmarks.throughput [--rounds 5] [--only PART ...] [--json FILE]
 
-Every part lives in a process of its own (`worker`), built one after the other with a cold compile cache. Then rounds:
-in each of them every part runs once, every other round in reverse order. All ratios are of figures of the same round,
-so that a shared host's drift hits both sides; medians, minima and maxima are over rounds. A part
-that hangs is killed (`patience`), named and left out of the rest, and the exit code is then 1. Prints
-the tables of docs/performance.md and writes everything to a JSON file. Needs about 8 GiB of free memory.
+Every part lives in a process of its own (`worker`), built one after the other with a cold compile
+cache. Then rounds: in each of them every part runs once, every other round in reverse order. All
+ratios are of figures of the same round, so that a shared host's drift hits both sides; medians,
+minima and maxima are over rounds. A part that hangs is killed (`patience`), named and left out of
+the rest, and the exit code is then 1. Prints the tables of docs/performance.md and writes
+everything to a JSON file. Needs about 8 GiB of free memory.
 """
 
 import argparse
@@ -37,12 +39,26 @@ DEFAULT_FILE = Path("build/bench.json")
 
 def main() -> int:
     """Read the flags, measure, print the tables; 0 if no part has hung."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=5, help="repetitions of everything (default %(default)s)")
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, metavar="PART", help=", ".join(PARTS))
-    parser.add_argument("--json", type=Path, default=DEFAULT_FILE, help="the record (default %(default)s)")
-    parser.add_argument("--cache", type=Path, help="a compile cache to keep and use; compile times are then not cold")
-    parser.add_argument("--tiny", action="store_true", help="seconds instead of minutes; the figures mean nothing")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--rounds", type=int, default=5, help="repetitions of everything (default %(default)s)"
+    )
+    parser.add_argument(
+        "--only", nargs="+", choices=PARTS, default=PARTS, metavar="PART", help=", ".join(PARTS)
+    )
+    parser.add_argument(
+        "--json", type=Path, default=DEFAULT_FILE, help="the record (default %(default)s)"
+    )
+    parser.add_argument(
+        "--cache",
+        type=Path,
+        help="a compile cache to keep and use; compile times are then not cold",
+    )
+    parser.add_argument(
+        "--tiny", action="store_true", help="seconds instead of minutes; the figures mean nothing"
+    )
     flags = parser.parse_args()
     end_tidily()
     if flags.rounds < 1:
@@ -53,12 +69,16 @@ def main() -> int:
     flags.json.parent.mkdir(parents=True, exist_ok=True)
     flags.json.write_text(json.dumps(record, indent=1) + "\n")
     print(tables.markdown(record))
-    say(f"written to {flags.json}; python -m benchmarks.tables {flags.json} prints the tables again")
+    say(
+        f"written to {flags.json}; python -m benchmarks.tables {flags.json} prints the tables again"
+    )
     return 1 if record["hung"] else 0
 
 
 def measure(parts: list[str], size: Size, rounds: int, cache: Path | None = None) -> dict[str, Any]:
-    """The whole record: provenance, what every part reported and every rate of every round, and what follows from it."""
+    """The whole record: provenance, what every part reported and every rate of every round, and
+    what follows from it.
+    """
     begun, load = time.monotonic(), Load()
     record = provenance() | {
         "size": json.loads(size.to_json()),

@@ -1,12 +1,15 @@
-"""How long the attacker alone needs until it hits: the real command, watched through its metrics.jsonl.
+"""How long the attacker alone needs until it hits: the real command, watched through its
+metrics.jsonl.
 
-    python -m benchmarks.time_to_skill [--preset solo] [--seeds 0 1 2] [--share 0.95] [--json FILE] [FLAGS of train]
+    python -m benchmarks.time_to_skill [--preset solo] [--seeds 0 1 2] [--share 0.95] [--json FILE]
+    [FLAGS of train]
 
-Skill is there at the first iteration from which on `--sustained` iterations in a row each have at least `--share` hits
-among the fights that ended. Seconds count from the first program call's start, as the command reports its compilation,
-to the arrival of that first record; then the training is ended. They include what training does besides (metrics,
-checkpoints). A record arrives with its program call, so seconds are exact to one call. Also printed: seconds from the
-command itself, compilation included.
+Skill is there at the first iteration from which on `--sustained` iterations in a row each have at
+least `--share` hits among the fights that ended. Seconds count from the first program call's start,
+as the command reports its compilation, to the arrival of that first record; then the training is
+ended. They include what training does besides (metrics, checkpoints). A record arrives with its
+program call, so seconds are exact to one call. Also printed: seconds from the command itself,
+compilation included.
 """
 
 import argparse
@@ -40,20 +43,37 @@ class Arrival(NamedTuple):
 
 def main() -> None:
     """Read the flags, train once for every seed, print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--preset", default="solo", help="what is trained (default %(default)s)")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="one training each (default 0)")
+    parser.add_argument(
+        "--seeds", type=int, nargs="+", default=[0], help="one training each (default 0)"
+    )
     parser.add_argument("--share", type=float, default=0.95, help="of hits (default %(default)s)")
-    parser.add_argument("--sustained", type=int, default=10, help="iterations in a row (default %(default)s)")
+    parser.add_argument(
+        "--sustained", type=int, default=10, help="iterations in a row (default %(default)s)"
+    )
     parser.add_argument("--json", type=Path, help="write the record to this file, too")
     flags, rest = parser.parse_known_args()
     end_tidily()
     begun, load, trainings = time.monotonic(), Load(), []
     for seed in flags.seeds:
         say(f"training {flags.preset}, seed {seed}")
-        trainings.append({"seed": seed, **train(flags.preset, seed, flags.share, flags.sustained, rest)})
-    record = provenance() | {"preset": flags.preset, "flags": rest, "share": flags.share, "trainings": trainings}
-    record |= {"repetitions": len(trainings), "load": load.cores(), "seconds": time.monotonic() - begun}
+        trainings.append(
+            {"seed": seed, **train(flags.preset, seed, flags.share, flags.sustained, rest)}
+        )
+    record = provenance() | {
+        "preset": flags.preset,
+        "flags": rest,
+        "share": flags.share,
+        "trainings": trainings,
+    }
+    record |= {
+        "repetitions": len(trainings),
+        "load": load.cores(),
+        "seconds": time.monotonic() - begun,
+    }
     if flags.json:
         flags.json.parent.mkdir(parents=True, exist_ok=True)
         flags.json.write_text(json.dumps(record, indent=1) + "\n")
@@ -61,18 +81,33 @@ def main() -> None:
 
 
 def train(preset: str, seed: int, share: float, sustained: int, flags: list[str]) -> dict[str, Any]:
-    """Train until the skill is there or the run is over; steps and seconds, None where it never was.
+    """Train until the skill is there or the run is over; steps and seconds, None where it never
+    was.
 
     RuntimeError where the command fails, and its subclass `patience.Hung` where it hangs.
     """
-    with tempfile.TemporaryDirectory(prefix="dronecombat-bench-") as folder, tempfile.TemporaryFile("w+") as stderr:
+    with (
+        tempfile.TemporaryDirectory(prefix="dronecombat-bench-") as folder,
+        tempfile.TemporaryFile("w+") as stderr,
+    ):
         output, metrics = Path(folder) / "output", Path(folder) / "runs" / "skill" / "metrics.jsonl"
-        command = [sys.executable, "-m", "dronecombat_jax", "train", "--preset", preset, "--seed", str(seed)]
+        command = [
+            sys.executable,
+            "-m",
+            "dronecombat_jax",
+            "train",
+            "--preset",
+            preset,
+            "--seed",
+            str(seed),
+        ]
         command += ["--name", "skill", "--run.directory", str(Path(folder) / "runs")]
         command += ["--run.no-video", "--run.no-replay", "--run.no-figures", *flags]
         begun = time.monotonic()
         with output.open("w") as stdout:
-            process = subprocess.Popen(command, cwd=ROOT, stdout=stdout, stderr=stderr, env=_unbuffered())
+            process = subprocess.Popen(
+                command, cwd=ROOT, stdout=stdout, stderr=stderr, env=_unbuffered()
+            )
             try:
                 arrivals, compiled = _watch(process, output, metrics, begun, share, sustained)
             finally:
@@ -80,7 +115,9 @@ def train(preset: str, seed: int, share: float, sustained: int, flags: list[str]
                 process.wait()
         if not arrivals:
             stderr.seek(0)
-            raise RuntimeError(f"training ended (exit code {process.returncode}) without a record:\n{stderr.read()}")
+            raise RuntimeError(
+                f"training ended (exit code {process.returncode}) without a record:\n{stderr.read()}"
+            )
     last, found = arrivals[-1], reached(arrivals, share, sustained)
     return {
         "steps": found.steps if found else None,
@@ -89,7 +126,8 @@ def train(preset: str, seed: int, share: float, sustained: int, flags: list[str]
         "steps_per_second": last.steps / (last.at - compiled),
         "best": max((one.hits for one in arrivals if one.hits == one.hits), default=None),
         "curve": [
-            [one.steps, round(one.hits, 4) if one.hits == one.hits else None, round(one.at, 2)] for one in arrivals
+            [one.steps, round(one.hits, 4) if one.hits == one.hits else None, round(one.at, 2)]
+            for one in arrivals
         ],
     }
 
@@ -110,22 +148,43 @@ def markdown(record: dict[str, Any]) -> str:
     for one in record["trainings"]:
         known = one["steps"] is not None
         cells = (
-            [f"{one['steps']:,}", f"{one['training_seconds']:.1f}", f"{one['seconds']:.1f}"] if known else ["never"] * 3
+            [f"{one['steps']:,}", f"{one['training_seconds']:.1f}", f"{one['seconds']:.1f}"]
+            if known
+            else ["never"] * 3
         )
-        rows.append([f"{record['preset']}, seed {one['seed']}", *cells, f"{one['steps_per_second']:,.0f}"])
+        rows.append(
+            [f"{record['preset']}, seed {one['seed']}", *cells, f"{one['steps_per_second']:,.0f}"]
+        )
     if len(rows) > 1 and all(one["steps"] is not None for one in record["trainings"]):
         median = lambda key: statistics.median(one[key] for one in record["trainings"])
-        cells = [f"{median('steps'):,.0f}", f"{median('training_seconds'):.1f}", f"{median('seconds'):.1f}"]
+        cells = [
+            f"{median('steps'):,.0f}",
+            f"{median('training_seconds'):.1f}",
+            f"{median('seconds'):.1f}",
+        ]
         rows.append(["median", *cells, f"{median('steps_per_second'):,.0f}"])
     title = f"{record['share']:g} hits"
-    header = (title, "environment steps", "seconds of training", "seconds from the command", "steps/s")
+    header = (
+        title,
+        "environment steps",
+        "seconds of training",
+        "seconds from the command",
+        "steps/s",
+    )
     return "\n\n".join([head(record), table(header, rows)])
 
 
 def _watch(
-    process: subprocess.Popen, output: Path, metrics: Path, begun: float, share: float, sustained: int
+    process: subprocess.Popen,
+    output: Path,
+    metrics: Path,
+    begun: float,
+    share: float,
+    sustained: int,
 ) -> tuple[list[Arrival], float]:
-    """Records as they come until the skill is there or the process ends; and when the first call began."""
+    """Records as they come until the skill is there or the process ends; and when the first call
+    began.
+    """
     arrivals: list[Arrival] = []
     compiled, read = 0.0, 0
     watch = Watch(process, "training")
@@ -144,7 +203,9 @@ def _watch(
             for line in lines.splitlines():
                 record = json.loads(line)
                 hits = record["outcome/reached"]
-                arrivals.append(Arrival(record["steps"], float("nan") if hits is None else hits, now))
+                arrivals.append(
+                    Arrival(record["steps"], float("nan") if hits is None else hits, now)
+                )
         if ended or reached(arrivals, share, sustained):
             return arrivals, compiled
         watch.check()

@@ -2,11 +2,13 @@
 
     python benchmarks/tournament.py [--players 20] [--episodes 5] [--preset duel] [--json FILE]
     python benchmarks/tournament.py --players 100 --episodes 100            # 1,000,000 fights
-    python benchmarks/tournament.py --ratings --players 100 --episodes 100  # all ratings of such a result, no fights
+    python benchmarks/tournament.py --ratings --players 100 --episodes 100  # all ratings of such a
+    result, no fights
 
-Untrained policies of the preset's network, each with its own weights, so that nobody is flown once for all. What a
-fight costs goes with its length, which training changes: the extrapolation says which length it is for. CPU seconds
-are those of this process, over all threads; on idle cores the wall time is that over their number.
+Untrained policies of the preset's network, each with its own weights, so that nobody is flown once
+for all. What a fight costs goes with its length, which training changes: the extrapolation says
+which length it is for. CPU seconds are those of this process, over all threads; on idle cores the
+wall time is that over their number.
 """
 
 import argparse
@@ -25,17 +27,31 @@ SIZES = ((50_000, "100 x 100 x 5"), (1_000_000, "100 x 100 x 100"))
 
 def main() -> None:
     """Read the flags, fly, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--players", type=int, default=20, help="on each side (default %(default)s)")
-    parser.add_argument("--episodes", type=int, default=5, help="fights of each pair (default %(default)s)")
-    parser.add_argument("--preset", default="duel", help="whose game and network (default %(default)s)")
-    parser.add_argument("--ratings", action="store_true", help="time a report's ratings of planted outcomes instead")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--players", type=int, default=20, help="on each side (default %(default)s)"
+    )
+    parser.add_argument(
+        "--episodes", type=int, default=5, help="fights of each pair (default %(default)s)"
+    )
+    parser.add_argument(
+        "--preset", default="duel", help="whose game and network (default %(default)s)"
+    )
+    parser.add_argument(
+        "--ratings", action="store_true", help="time a report's ratings of planted outcomes instead"
+    )
     parser.add_argument("--json", help="write the figures to this file, too")
     flags = parser.parse_args()
     if flags.ratings:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `dronecombat report` does
     backend.prepare("cpu")
-    figures = rate(flags.players, flags.episodes) if flags.ratings else fly(flags.players, flags.episodes, flags.preset)
+    figures = (
+        rate(flags.players, flags.episodes)
+        if flags.ratings
+        else fly(flags.players, flags.episodes, flags.preset)
+    )
     if flags.json:
         with open(flags.json, "w") as file:
             json.dump(figures, file, indent=2)
@@ -75,8 +91,12 @@ def rate(players: int, episodes: int) -> dict[str, float]:
     x = rng.normal(0, 0.75, (players, 1)) - rng.normal(0, 0.75, players)
     won = rng.random((players, players, episodes)) < expit(x)[..., None]
     cause = np.where(won, Cause.INTERCEPT, Cause.REACHED).astype(np.int8)
-    entrants = [Entrant(f"player {i}", f"run {i}", "ippo", "run", 0, i, i) for i in range(1, players + 1)]
-    result = tournament_result(cause, np.full(cause.shape, 50), outcome_table(GameConfig()), entrants, entrants, 0.02)
+    entrants = [
+        Entrant(f"player {i}", f"run {i}", "ippo", "run", 0, i, i) for i in range(1, players + 1)
+    ]
+    result = tournament_result(
+        cause, np.full(cause.shape, 50), outcome_table(GameConfig()), entrants, entrants, 0.02
+    )
     wall, cpu = time.perf_counter(), time.process_time()
     study(result)
     figures = {
@@ -113,7 +133,10 @@ def measure(players: int, episodes: int, preset: str) -> dict[str, float]:
     config = settings.load(preset)
     draw = jax.jit(jax.vmap(lambda key: policy_of(init_learner(key, config.learn))))
     drawn = jax.device_get(draw(jax.random.split(jax.random.key(0), 2 * players)))
-    everybody = [Player(f"player {i}", jax.tree.map(lambda leaf, i=i: leaf[i], drawn)) for i in range(2 * players)]
+    everybody = [
+        Player(f"player {i}", jax.tree.map(lambda leaf, i=i: leaf[i], drawn))
+        for i in range(2 * players)
+    ]
     compiling: list[float] = []
     clocks: list[tuple[float, float]] = []
 
@@ -126,12 +149,18 @@ def measure(players: int, episodes: int, preset: str) -> dict[str, float]:
 
     fights = steps = 0
     told, total = time.perf_counter(), players**2 * episodes
-    for harvest in play(Combat(config), everybody[:players], everybody[players:], Rules(episodes), compiling=timed):
+    for harvest in play(
+        Combat(config), everybody[:players], everybody[players:], Rules(episodes), compiling=timed
+    ):
         fights += int(harvest.fights.sum())
         steps += sum(int(np.sum(cell.steps)) for cell in harvest.cells)
         if time.perf_counter() - told > 30.0:
             told = time.perf_counter()
-            print(f"{fights:,} of {total:,} fights after {told - clocks[0][0]:.0f} s", file=sys.stderr, flush=True)
+            print(
+                f"{fights:,} of {total:,} fights after {told - clocks[0][0]:.0f} s",
+                file=sys.stderr,
+                flush=True,
+            )
     wall, cpu = time.perf_counter() - clocks[0][0], time.process_time() - clocks[0][1]
     return {
         "fights": fights,

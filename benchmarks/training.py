@@ -1,4 +1,6 @@
-"""Training and fighting at the paper's settings, by the programs that `dronecombat` runs, and what an iteration is made of."""
+"""Training and fighting at the paper's settings, by the programs that `dronecombat` runs, and what
+an iteration is made of.
+"""
 
 import time
 from collections.abc import Iterator
@@ -10,7 +12,9 @@ from benchmarks.worker import Part, Program, peak_mib
 
 
 def ippo(size: Size, num_seeds: int) -> Part:
-    """An iteration of IPPO, then its pieces as programs of their own: flight, physics, policies, learning."""
+    """An iteration of IPPO, then its pieces as programs of their own: flight, physics, policies,
+    learning.
+    """
     part = iteration(size, num_seeds)
     import jax
 
@@ -22,17 +26,31 @@ def ippo(size: Size, num_seeds: int) -> Part:
 
     config = size.config(num_seeds)
     combat, mesh, work = Combat(config), seed_devices(config), part.programs[0].work
-    add(part, "flight", work, build_flight(combat, 1, mesh), place(jax.jit(lambda: init_state(combat))(), mesh))
+    add(
+        part,
+        "flight",
+        work,
+        build_flight(combat, 1, mesh),
+        place(jax.jit(lambda: init_state(combat))(), mesh),
+    )
     for name, build in pieces.PIECES.items():
         piece, arguments = build(combat)
-        add(part, name, work, spread(piece, mesh), *place(pieces.for_seeds(arguments, num_seeds), mesh))
+        add(
+            part,
+            name,
+            work,
+            spread(piece, mesh),
+            *place(pieces.for_seeds(arguments, num_seeds), mesh),
+        )
     return part
 
 
 def iteration(size: Size, num_seeds: int | None = None) -> Part:
-    """An iteration of IPPO for `num_seeds` seeds (None: those of `size`), and what it takes of memory.
+    """An iteration of IPPO for `num_seeds` seeds (None: those of `size`), and what it takes of
+    memory.
 
-    Seeds are spread over devices as `dronecombat train` spreads them. Steps are summed over all seeds.
+    Seeds are spread over devices as `dronecombat train` spreads them. Steps are summed over all
+    seeds.
     """
     config = size.config(num_seeds or size.seeds)
     devices = _prepare(config)
@@ -47,7 +65,9 @@ def iteration(size: Size, num_seeds: int | None = None) -> Part:
     kind = jax.devices()[0].device_kind
     part = Part(facts={"devices": devices, "kind": kind, "num_seeds": config.train.num_seeds})
     state = [place(jax.jit(lambda: init_state(combat))(), mesh)]
-    advance = compile_timed(part, "iteration", build_advance(combat, 1, mesh), state[0], donate=(0,))
+    advance = compile_timed(
+        part, "iteration", build_advance(combat, 1, mesh), state[0], donate=(0,)
+    )
 
     def iterate() -> None:
         state[0], _ = jax.block_until_ready(advance(state[0]))
@@ -60,9 +80,11 @@ def iteration(size: Size, num_seeds: int | None = None) -> Part:
 
 
 def sippo(size: Size, scope: Scope = "chunk", chunk_starts: bool = False) -> Part:
-    """An iteration of S-IPPO: live, where both learn, and frozen, where the defender meets the past and learns alone.
+    """An iteration of S-IPPO: live, where both learn, and frozen, where the defender meets the past
+    and learns alone.
 
-    `chunk_starts`: also a live one that begins a chunk, and so saves both players to the pool and draws who is met.
+    `chunk_starts`: also a live one that begins a chunk, and so saves both players to the pool and
+    draws who is met.
     """
     config = size.config(probability=0.2, scope=scope)
     _prepare(config)
@@ -79,14 +101,20 @@ def sippo(size: Size, scope: Scope = "chunk", chunk_starts: bool = False) -> Par
     part = Part(facts={"pool": config.num_chunks, "probability": config.selfplay.probability})
     state = [jax.jit(lambda: init_state(combat))()]
     advance = compile_timed(part, "iteration", build_advance(combat, 1), state[0], donate=(0,))
-    past = jnp.arange(size.num_envs, dtype=jnp.int32)[None] % (1 if scope == "chunk" else config.num_chunks)
+    past = jnp.arange(size.num_envs, dtype=jnp.int32)[None] % (
+        1 if scope == "chunk" else config.num_chunks
+    )
 
     def program(name: str, iteration: int, frozen: int) -> Program:
         def call() -> float:
             # The same program flies all kinds: inside a chunk, iteration 1, nothing is drawn anew.
             met = jnp.full_like(past, NOBODY) if frozen == NOBODY else past + 0
-            selfplay = state[0].selfplay.replace(frozen=jnp.full((1,), frozen, jnp.int32), opponent=met)
-            begun = state[0].replace(iteration=jnp.full((1,), iteration, jnp.int32), selfplay=selfplay)
+            selfplay = state[0].selfplay.replace(
+                frozen=jnp.full((1,), frozen, jnp.int32), opponent=met
+            )
+            begun = state[0].replace(
+                iteration=jnp.full((1,), iteration, jnp.int32), selfplay=selfplay
+            )
             start = time.perf_counter()
             state[0], _ = jax.block_until_ready(advance(jax.block_until_ready(begun)))
             return time.perf_counter() - start
@@ -95,12 +123,18 @@ def sippo(size: Size, scope: Scope = "chunk", chunk_starts: bool = False) -> Par
 
     first = program("live, first of a chunk", 0, NOBODY)
     first.call()  # there must be a past player in the pool
-    part.programs = [program("live", 1, NOBODY), program("frozen", 1, ATTACKER), *([first] if chunk_starts else [])]
+    part.programs = [
+        program("live", 1, NOBODY),
+        program("frozen", 1, ATTACKER),
+        *([first] if chunk_starts else []),
+    ]
     return part
 
 
 def tournament(size: Size) -> Part:
-    """A round robin of untrained policies, in fights and in environment steps; compiling does not count."""
+    """A round robin of untrained policies, in fights and in environment steps; compiling does not
+    count.
+    """
     config = size.config()
     _prepare(config)
     import jax
@@ -131,7 +165,9 @@ def tournament(size: Size) -> Part:
             part.compile_seconds.setdefault("fight", begun[-1] - start)
 
         flown = [
-            cell for harvest in play(combat, *sides, Rules(size.episodes), compiling=timed) for cell in harvest.cells
+            cell
+            for harvest in play(combat, *sides, Rules(size.episodes), compiling=timed)
+            for cell in harvest.cells
         ]
         steps.append(sum(int(cell.steps.sum()) for cell in flown))
         return time.perf_counter() - begun[0]

@@ -2,8 +2,9 @@
 
     taskset -c 1 python -m benchmarks.tuning products | update | values | physics | environment
 
-One core. Seconds are CPU time of this process, so that what else the machine does costs caches and clock but is not
-counted; the alternatives take turns, and the best turn of each counts. Set XLA_FLAGS to compare flags.
+One core. Seconds are CPU time of this process, so that what else the machine does costs caches and
+clock but is not counted; the alternatives take turns, and the best turn of each counts. Set
+XLA_FLAGS to compare flags.
 """
 
 import argparse
@@ -40,9 +41,13 @@ def products() -> None:
     """Rate of one mini-batch's matrix products, batch first and features first, beside a 2048-cube."""
     import jax
 
-    def product(left: tuple[int, ...], right: tuple[int, ...], axes: tuple[int, int]) -> tuple[Any, float]:
+    def product(
+        left: tuple[int, ...], right: tuple[int, ...], axes: tuple[int, int]
+    ) -> tuple[Any, float]:
         a, b = normal(*left), normal(*right)
-        contract = jax.jit(lambda a, b: jax.lax.dot_general(a, b, (((axes[0],), (axes[1],)), ((), ()))))
+        contract = jax.jit(
+            lambda a, b: jax.lax.dot_general(a, b, (((axes[0],), (axes[1],)), ((), ())))
+        )
         gflop = 2 * a.size * b.shape[1 - axes[1]] / 1e9
         return lambda: contract(a, b), gflop
 
@@ -61,12 +66,14 @@ def products() -> None:
 
 
 def update() -> None:
-    """One mini-batch of one learner at paper settings: loss, gradient and step, in the layouts and with either ELU."""
+    """One mini-batch of one learner at paper settings: loss, gradient and step, in the layouts and
+    with either ELU.
+    """
     import jax
     import jax.numpy as jnp
 
     from dronecombat_jax.config.fields import LearnConfig
-    from dronecombat_jax.learn import ippo, networks
+    from dronecombat_jax.learn import ippo, networks, optimize
     from dronecombat_jax.types import Batch
 
     learn = LearnConfig()
@@ -92,17 +99,20 @@ def update() -> None:
     }
     programs: dict[str, Callable[[], Any]] = {}
     for name, forward in variants.items():
-        ippo.forward_columns = forward
-        program = jax.jit(lambda one, all_of_it: ippo.optimize(learn, one, all_of_it, jax.random.key(0)))
+        optimize.forward_columns = forward
+        program = jax.jit(
+            lambda one, all_of_it: optimize.optimize(learn, one, all_of_it, jax.random.key(0))
+        )
         program = program.lower(learner, batch).compile()
         programs[name] = lambda program=program: program(learner, batch)
-    ippo.forward_columns = ours
+    optimize.forward_columns = ours
     square = jnp.ones((2048, 2048))
     cube = jax.jit(lambda a: a @ a)
     seconds = race({"cube": lambda: cube(square)} | programs)
     print(f"2048-cube: {2 * 2048**3 / seconds.pop('cube') / 1e9:.0f} GFLOP/s")
     gradient_steps = learn.epochs * learn.minibatches
-    # forward, weight gradient and, from the second layer on, input gradient; policy (4 outputs) and value (1)
+    # forward, weight gradient and, from the second layer on, input gradient; policy (4 outputs) and
+    # value (1)
     gflop = 2 * 2 * BATCH * (2 * 35 * 256 + 3 * 256 * 128 + 3 * 128 * 2.5) / 1e9
     for name, spent in seconds.items():
         each = spent / gradient_steps
@@ -110,7 +120,9 @@ def update() -> None:
 
 
 def values() -> None:
-    """Values of a rollout's states, all T N at once against step by step, in us per environment step."""
+    """Values of a rollout's states, all T N at once against step by step, in us per environment
+    step.
+    """
     import jax
 
     from dronecombat_jax.config.fields import LearnConfig
@@ -120,12 +132,15 @@ def values() -> None:
     seen = normal(STEPS, ENVS, 35)
     at_once = jax.jit(lambda x: forward(mlp, x))
     by_step = jax.jit(lambda x: jax.lax.map(lambda row: forward(mlp, row), x))
-    for name, spent in race({"at once": lambda: at_once(seen), "step by step": lambda: by_step(seen)}).items():
+    for name, spent in race(
+        {"at once": lambda: at_once(seen), "step by step": lambda: by_step(seen)}
+    ).items():
         print(f"{name:<14} {1e6 * spent / (STEPS * ENVS):.3f} us")
 
 
 def physics(repeat: int = 100) -> None:
-    """One physics step of the lean model, by `mjx.step` and as we fly it, and what the stages of `mjx.step` add to each other.
+    """One physics step of the lean model, by `mjx.step` and as we fly it, and what the stages of
+    `mjx.step` add to each other.
 
     In us per environment.
     """
@@ -173,7 +188,8 @@ def physics(repeat: int = 100) -> None:
     def repeated(step: Callable[[Any, Any], Any]) -> Callable[[], Any]:
         def loop(qpos: Any, qvel: Any) -> Any:
             def again(carry: Any, _: None) -> tuple[Any, None]:
-                out = jax.vmap(step)(qpos + carry[0], qvel + carry[0])  # the carry keeps XLA from doing it once
+                # the carry keeps XLA from doing it once
+                out = jax.vmap(step)(qpos + carry[0], qvel + carry[0])
                 return (1e-20 * jax.tree.leaves(out)[0].ravel()[0], out), None
 
             first = (jnp.float32(0.0), jax.vmap(step)(qpos, qvel))
@@ -182,14 +198,19 @@ def physics(repeat: int = 100) -> None:
         program = jax.jit(loop).lower(qpos, qvel).compile()
         return lambda: program(qpos, qvel)
 
-    steps = {"mjx.step": whole, "sim/physics.py": lambda qpos, qvel: advance(qpos, qvel, 0.001 * qvel)}
+    steps = {
+        "mjx.step": whole,
+        "sim/physics.py": lambda qpos, qvel: advance(qpos, qvel, 0.001 * qvel),
+    }
     steps |= {f"up to {name}": chained(i + 1) for i, name in enumerate(stages)}
     for name, spent in race({name: repeated(step) for name, step in steps.items()}, 4).items():
         print(f"{name:<22} {1e6 * spent / repeat / ENVS:.3f} us")
 
 
 def environment() -> None:
-    """The environment's step and the two substeps in it, each with its random numbers, in us per environment step."""
+    """The environment's step and the two substeps in it, each with its random numbers, in us per
+    environment step.
+    """
     import jax
 
     from benchmarks import stepping
@@ -214,7 +235,9 @@ def main() -> None:
         "physics": physics,
         "environment": environment,
     }
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("part", choices=parts)
     chosen = parser.parse_args().part
     from dronecombat_jax.machine import backend

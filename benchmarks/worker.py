@@ -1,9 +1,10 @@
 """A part of the benchmark in a process of its own, and the parent's handle on it.
 
-The child builds its programs with a cold compile cache, calls each once, and reports. It then stays alive and runs
-every program once whenever it is told to: parts take turns, so that a shared host's drift hits all alike. One JSON
-object a line in both directions. A child that hangs is killed (`patience`). What does not live here:
-the parts themselves (`ceilings`, `references`, `stepping`, `training`).
+The child builds its programs with a cold compile cache, calls each once, and reports. It then stays
+alive and runs every program once whenever it is told to: parts take turns, so that a shared host's
+drift hits all alike. One JSON object a line in both directions. A child that hangs is killed
+(`patience`). What does not live here: the parts themselves (`ceilings`, `references`, `stepping`,
+`training`).
 """
 
 import importlib
@@ -25,7 +26,8 @@ from benchmarks import patience
 from benchmarks.size import Size
 
 ROOT = Path(__file__).parents[1]
-# A wrong kernel for this processor, where somebody has set them for another one; NumPy's ceiling is measured without.
+# A wrong kernel for this processor, where somebody has set them for another one; NumPy's ceiling is
+# measured without.
 OPENBLAS_OVERRIDES = ("OPENBLAS_CORETYPE", "OPENBLAS_L2_SIZE")
 
 
@@ -35,7 +37,8 @@ class Program(NamedTuple):
     name: str
     unit: str  # of the rate, such as "steps/s"
     work: float
-    call: Callable[[], float | None]  # returns when done: None, or the seconds that count, where that is not all
+    # returns when done: None, or the seconds that count, where that is not all
+    call: Callable[[], float | None]
 
 
 @dataclass
@@ -44,7 +47,8 @@ class Part:
 
     programs: list[Program] = field(default_factory=list)
     compile_seconds: dict[str, float] = field(default_factory=dict)  # by program, cold
-    peak_mib: float | None = None  # of the process, once the first program has been called; None: at the end
+    # of the process, once the first program has been called; None: at the end
+    peak_mib: float | None = None
     facts: dict[str, Any] = field(default_factory=dict)  # whatever else belongs into the record
 
 
@@ -87,7 +91,9 @@ class Worker:
         self.name = name
         self._held = ExitStack()
         if cache is None:
-            cache = Path(self._held.enter_context(tempfile.TemporaryDirectory(prefix="dronecombat-bench-")))
+            cache = Path(
+                self._held.enter_context(tempfile.TemporaryDirectory(prefix="dronecombat-bench-"))
+            )
         self._stderr = self._held.enter_context(tempfile.TemporaryFile("w+"))  # noqa: SIM115 - closed with the others
         self._process = subprocess.Popen(
             [sys.executable, "-m", "benchmarks.worker", name, size.to_json()],
@@ -128,15 +134,20 @@ class Worker:
                 return answer
         self._process.wait()
         self._stderr.seek(0)
-        raise RuntimeError(f"part {self.name} died (exit code {self._process.returncode}):\n{self._stderr.read()}")
+        raise RuntimeError(
+            f"part {self.name} died (exit code {self._process.returncode}):\n{self._stderr.read()}"
+        )
 
 
 def environment(kind: Kind, cache: str) -> dict[str, str]:
-    """The child's environment: this one, with a compile cache in the folder `cache`, and NumPy's BLAS as it chooses."""
+    """The child's environment: this one, with a compile cache in the folder `cache`, and NumPy's
+    BLAS as it chooses.
+    """
     ours = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
     ours["DRONECOMBAT_CACHE"] = cache
     if kind.build == "ceilings:numpy_products":
-        for key in OPENBLAS_OVERRIDES:  # both or neither: a cache size without its kernel is worse than either
+        for key in OPENBLAS_OVERRIDES:
+            # both or neither: a cache size without its kernel is worse than either
             ours.pop(key, None)
     if kind.one_core:
         ours["OPENBLAS_NUM_THREADS"] = "1"
@@ -146,7 +157,9 @@ def environment(kind: Kind, cache: str) -> dict[str, str]:
 def build(name: str, size: Size) -> Part:
     """Build the part `name` in this process."""
     module, function = KINDS[name].build.split(":")
-    return getattr(importlib.import_module(f"benchmarks.{module}"), function)(size, *KINDS[name].arguments)
+    return getattr(importlib.import_module(f"benchmarks.{module}"), function)(
+        size, *KINDS[name].arguments
+    )
 
 
 def run(part: Part) -> dict[str, float]:
@@ -155,7 +168,9 @@ def run(part: Part) -> dict[str, float]:
     for program in part.programs:
         start = time.perf_counter()
         seconds = program.call()
-        rates[program.name] = program.work / (time.perf_counter() - start if seconds is None else seconds)
+        rates[program.name] = program.work / (
+            time.perf_counter() - start if seconds is None else seconds
+        )
         patience.alive()
     return rates
 
@@ -166,12 +181,16 @@ def peak_mib() -> float:
 
 
 def end_tidily() -> None:
-    """Let SIGTERM end this process as an exit does: the processes and folders that it has made go with it."""
+    """Let SIGTERM end this process as an exit does: the processes and folders that it has made go
+    with it.
+    """
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
 
 
 def main() -> None:
-    """The child: build the part argv[1] at size argv[2], then run it once for every line that comes in."""
+    """The child: build the part argv[1] at size argv[2], then run it once for every line that comes
+    in.
+    """
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # whatever a library prints must not mix with the answers
     patience.answers = answers

@@ -19,7 +19,8 @@ OBSERVATION_SIZE = 35
 
 
 class Cause(IntEnum):
-    """Why a fight ended. Of simultaneous events DIVERGED comes first, then invalid actions, then the others in order.
+    """Why a fight ended. Of simultaneous events DIVERGED comes first, then invalid actions, then
+    the others in order.
 
     The numbers are stored in files: new causes go to the end.
     """
@@ -67,14 +68,17 @@ class EnvState(struct.PyTreeNode):
 class StepOutput(NamedTuple):
     """What one control step of one fight yields."""
 
-    observation: jax.Array  # [A, 35] after the step, before any reset: the final one where the fight ended
+    # [A, 35] after the step, before any reset: the final one where the fight ended
+    observation: jax.Array
     reward: jax.Array  # [A]
     reward_terms: "RewardTerms"  # each [A], already weighted; they add up to the reward
     cause: jax.Array  # [] int32, a `Cause`; NONE while the fight goes on
     terminated: jax.Array  # [] bool, the fight was decided
     truncated: jax.Array  # [] bool, time ran out on an undecided fight
-    active: jax.Array  # [A] bool, the drone flew, and its action had an effect: it was finite, and the physics held
-    idle: jax.Array  # [A] bool, the drone was down before the step: its action had none, and the fight went on
+    # [A] bool, the drone flew, and its action had an effect: it was finite, and the physics held
+    active: jax.Array
+    # [A] bool, the drone was down before the step: its action had none, and the fight went on
+    idle: jax.Array
 
 
 class RewardTerms(NamedTuple):
@@ -170,7 +174,10 @@ class UpdateMetrics(NamedTuple):
 
 
 class IterationMetrics(NamedTuple):
-    """What one iteration reports. Counted are fights flown from start to end by the same two (`selfplay.tally`)."""
+    """What one iteration reports.
+
+    Counted are fights flown from start to end by the same two (`selfplay.tally`).
+    """
 
     causes: jax.Array  # [len(Cause)] counted fights that each `Cause` ended
     crashes: jax.Array  # [A] counted fights in which that drone had gone down
@@ -192,17 +199,21 @@ class Policy(struct.PyTreeNode):
 
 
 class Pool(struct.PyTreeNode):
-    """The past policies of one role, one slot a chunk: slot k holds the agent as it was when chunk k began."""
+    """The past policies of one role, one slot a chunk: slot k holds the agent as it was when chunk
+    k began.
+    """
 
     policies: Policy  # each leaf [K, ...]; zeros where the chunk has not begun
-    wins: jax.Array  # [K] fights that the live learner won against this member, draws half; old ones fade
+    # [K] fights that the live learner won against this member, draws half; old ones fade
+    wins: jax.Array
     games: jax.Array  # [K] fights against this member; old ones fade
 
 
 class SelfPlay(struct.PyTreeNode):
     """Who is met in the present chunk, and who may be met later."""
 
-    pools: tuple[Pool | None, Pool | None]  # by the role of the past player; None where its past is never played
+    # by the role of the past player; None where its past is never played
+    pools: tuple[Pool | None, Pool | None]
     frozen: jax.Array  # [] int32, the role that is played by its past in this chunk; -1: none
     opponent: jax.Array  # [N] int32, the slot that it is played from in each environment; -1: none
 
@@ -210,13 +221,18 @@ class SelfPlay(struct.PyTreeNode):
 class Flown(struct.PyTreeNode):
     """What training knows of each fight under way (`selfplay.tally`)."""
 
-    steps: jax.Array  # [N] int32, control steps flown since its start; the clock may have begun later
+    # [N] int32, control steps flown since its start; the clock may have begun later
+    steps: jax.Array
     returns: jax.Array  # [N, A] rewards since its start
-    met: jax.Array  # [N] int32, who has flown it: a code of `selfplay.pool.met`, or `selfplay.tally.MIXED`
+    # [N] int32, who has flown it: a code of `selfplay.pool.met`, or `selfplay.tally.MIXED`
+    met: jax.Array
 
 
 class TrainState(struct.PyTreeNode):
-    """A whole training run at an iteration's boundary. In a program each leaf has a leading axis S."""
+    """A whole training run at an iteration's boundary.
+
+    In a program each leaf has a leading axis S.
+    """
 
     learners: Learner  # each leaf [A, ...]
     env: EnvState  # each leaf [N, ...]

@@ -1,8 +1,10 @@
 """Small multiples of how fights end over training, and a table of the last tenth, one row a run.
 
-    python experiments/learnability.py runs/duel-0 runs/duel-1="no head start" --out docs/learnability.png
+    python experiments/learnability.py runs/duel-0 runs/duel-1="no head start" --out
+    docs/learnability.png
 
-A label may follow a run's folder after "="; `--by-seed` tells its seeds apart. The table goes to stdout as Markdown; docs/learnability.md shows both.
+A label may follow a run's folder after "="; `--by-seed` tells its seeds apart. The table goes to
+stdout as Markdown; docs/learnability.md shows both.
 """
 
 import argparse
@@ -46,8 +48,12 @@ def main() -> None:
     runs = [(Path(folder), label or Path(folder).name) for folder, _, label in pairs]
     read = [(label, metrics.read(folder / "metrics.jsonl")) for folder, label in runs]
     if flags.by_seed:
-        read = [(f"{label}/{seed}", one) for label, records in read for seed, one in by_seed(records)]
-    print("| run | steps | intercepted | target reached | time-out | defender crashed | attacker crashed | fight |")
+        read = [
+            (f"{label}/{seed}", one) for label, records in read for seed, one in by_seed(records)
+        ]
+    print(
+        "| run | steps | intercepted | target reached | time-out | defender crashed | attacker crashed | fight |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     for label, records in read:
         print(last_tenth(label, records))
@@ -62,10 +68,18 @@ def by_seed(records: Sequence[dict[str, Any]]) -> list[tuple[int, list[dict[str,
 
 
 def last_tenth(label: str, records: Sequence[dict[str, Any]]) -> str:
-    """One row of the table: shares of the fights that ended in the last tenth of the steps, all seeds together."""
+    """One row of the table: shares of the fights that ended in the last tenth of the steps, all
+    seeds together.
+    """
     end = records[-1]["steps"]
     late = [record for record in records if record["steps"] > 0.9 * end]
-    names = ("outcome/intercept", "outcome/reached", "outcome/timeout", "crash/defender", "crash/attacker")
+    names = (
+        "outcome/intercept",
+        "outcome/reached",
+        "outcome/timeout",
+        "crash/defender",
+        "crash/attacker",
+    )
     shares = " | ".join(f"{_mean(late, name):.2f}" for name in names)
     return f"| {label} | {end / 1e6:.1f} M | {shares} | {_mean(late, 'episode_steps'):.0f} steps |"
 
@@ -84,18 +98,30 @@ def binned(label: str, records: Sequence[dict[str, Any]]) -> Shares:
 
 
 def draw(runs: Sequence[Shares], path: Path) -> None:
-    """One panel a run: how fights end, stacked; the share of fights in which each drone went down, dashed."""
+    """One panel a run: how fights end, stacked; the share of fights in which each drone went down,
+    dashed.
+    """
     columns = min(COLUMNS, len(runs))
     rows = -(-len(runs) // columns)
-    figure = Figure(figsize=(4.2 * columns, 2.9 * rows + 0.8 + 0.2 * (COLUMNS - columns)), layout="constrained")
+    figure = Figure(
+        figsize=(4.2 * columns, 2.9 * rows + 0.8 + 0.2 * (COLUMNS - columns)), layout="constrained"
+    )
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
     for ax, run in zip(axes, runs, strict=False):
         colours = [OUTCOMES[name][1] for name in SHOWN]
-        ax.stackplot(run.steps, run.outcomes, colors=colours, linewidth=0, labels=[OUTCOMES[name][0] for name in SHOWN])
+        ax.stackplot(
+            run.steps,
+            run.outcomes,
+            colors=colours,
+            linewidth=0,
+            labels=[OUTCOMES[name][0] for name in SHOWN],
+        )
         for role, curve in zip(ROLES, run.crashes, strict=True):
             ax.plot(run.steps, curve, color="black", linewidth=2.2)
-            ax.plot(run.steps, curve, color=ROLE_COLOURS[role], linewidth=1.2, label=f"{role} goes down")
+            ax.plot(
+                run.steps, curve, color=ROLE_COLOURS[role], linewidth=1.2, label=f"{role} goes down"
+            )
         ax.set_title(run.label, fontsize=10)
         ax.set_xlim(0.0, run.steps[-1])
         ax.set_ylim(0.0, 1.0)
@@ -104,7 +130,9 @@ def draw(runs: Sequence[Shares], path: Path) -> None:
     figure.supxlabel("environment steps, millions")
     figure.supylabel("share of ended fights")
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=2 * columns, frameon=False, fontsize=9)
+    figure.legend(
+        handles, labels, loc="outside upper center", ncols=2 * columns, frameon=False, fontsize=9
+    )
     figure.savefig(path, dpi=110)
 
 

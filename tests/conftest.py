@@ -15,7 +15,9 @@ backend.prepare("cpu")
 
 @pytest.fixture(scope="session")
 def arena() -> SimpleNamespace:
-    """The default environment for 8 fights: `combat`, jitted `reset(keys)` and `step(states, actions)`, `traces`."""
+    """The default environment for 8 fights: `combat`, jitted `reset(keys)` and `step(states,
+    actions)`, `traces`.
+    """
     import jax
 
     from dronecombat_jax.combat.env import Combat

@@ -30,7 +30,9 @@ def test_no_module_can_run_the_code_that_it_loads(path):
 
 
 def test_names_say_what_lives_there():
-    assert [path for path in MODULES if {path.stem, path.parent.name} & NAMES_THAT_SAY_NOTHING] == []
+    assert [
+        path for path in MODULES if {path.stem, path.parent.name} & NAMES_THAT_SAY_NOTHING
+    ] == []
 
 
 def test_settings_backend_and_help_start_without_jax():

@@ -1,4 +1,6 @@
-"""The table of faults names tests; this proves that they are there, and that no fault is without one."""
+"""The table of faults names tests; this proves that they are there, and that no fault is without
+one.
+"""
 
 import re
 from pathlib import Path

@@ -48,6 +48,10 @@ def test_an_environment_is_made_with_one_line_a_step(make, tmp_path, stamp, inst
 def test_where_pip_fails_its_last_words_and_the_log_are_named(make, tmp_path, stamp):
     result = make(stamp, code=1)
     *words, error, _ = result.stderr.splitlines()  # the last line is make's own
-    assert result.returncode == 2 and str(tmp_path / "venv" / "install.log") in error and error.startswith("error: ")
+    assert (
+        result.returncode == 2
+        and str(tmp_path / "venv" / "install.log") in error
+        and error.startswith("error: ")
+    )
     assert len(words) == 5 and words[0] == "Collecting package-197"
     assert not (tmp_path / "venv" / stamp).exists()

@@ -1,4 +1,6 @@
-"""What is shipped: the wheel with its scene and presets, the pinned versions, the editable checkout."""
+"""What is shipped: the wheel with its scene and presets, the pinned versions, the editable
+checkout.
+"""
 
 import re
 import subprocess
@@ -16,7 +18,11 @@ from dronecombat_jax.sim.scene import find_mjcf_dir
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-PINS = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if line and not line.startswith("#")]
+PINS = [
+    line
+    for line in (ROOT / "constraints.txt").read_text().splitlines()
+    if line and not line.startswith("#")
+]
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +38,11 @@ def wheel(tmp_path_factory) -> Path:
 
 
 def names(folder: Path, pattern: str) -> set[str]:
-    return {str(path.relative_to(folder)) for path in folder.glob(pattern) if "__pycache__" not in path.parts}
+    return {
+        str(path.relative_to(folder))
+        for path in folder.glob(pattern)
+        if "__pycache__" not in path.parts
+    }
 
 
 def test_the_wheel_holds_modules_scene_and_presets_and_nothing_else(wheel):
@@ -62,10 +72,15 @@ def test_an_installed_package_finds_its_scene_and_presets(wheel, tmp_path):
         "print(find_mjcf_dir(), settings.find_preset('smoke'), sep='\\n')"
     )
     run = [sys.executable, "-c", code]
-    result = subprocess.run(run, cwd=tmp_path, env={"PYTHONPATH": str(wheel)}, capture_output=True, text=True)
+    result = subprocess.run(
+        run, cwd=tmp_path, env={"PYTHONPATH": str(wheel)}, capture_output=True, text=True
+    )
     assert result.returncode == 0, result.stderr
     package = wheel / "dronecombat_jax"
-    assert result.stdout.split() == [str(package / "mjcf"), str(package / "experiments" / "smoke.toml")]
+    assert result.stdout.split() == [
+        str(package / "mjcf"),
+        str(package / "experiments" / "smoke.toml"),
+    ]
 
 
 def test_an_editable_checkout_finds_its_scene_and_presets():
@@ -74,7 +89,9 @@ def test_an_editable_checkout_finds_its_scene_and_presets():
 
 
 def test_pins_are_names_and_versions_without_hosts():
-    pin = re.compile(r"[a-z0-9-]+==[0-9][0-9.]*( ; (python_full_version|sys_platform) (<|>=|==|!=) '[a-z0-9.]+')?")
+    pin = re.compile(
+        r"[a-z0-9-]+==[0-9][0-9.]*( ; (python_full_version|sys_platform) (<|>=|==|!=) '[a-z0-9.]+')?"
+    )
     assert [line for line in PINS if not pin.fullmatch(line)] == []
 
 
@@ -82,11 +99,15 @@ def test_pins_are_names_and_versions_without_hosts():
 def test_every_direct_dependency_is_pinned_to_a_version_that_it_allows(python):
     pins = {}
     for pin in map(Requirement, PINS):
-        if pin.marker is None or pin.marker.evaluate({"python_full_version": python, "sys_platform": "linux"}):
+        if pin.marker is None or pin.marker.evaluate(
+            {"python_full_version": python, "sys_platform": "linux"}
+        ):
             (specifier,) = pin.specifier
             pins[pin.name.lower()] = specifier.version
     extras = PROJECT["optional-dependencies"]
-    needed = [Requirement(text) for text in PROJECT["dependencies"] + extras["test"] + extras["dev"]]
+    needed = [
+        Requirement(text) for text in PROJECT["dependencies"] + extras["test"] + extras["dev"]
+    ]
     wrong = [
         str(requirement)
         for requirement in needed

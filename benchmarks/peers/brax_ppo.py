@@ -1,9 +1,11 @@
-"""Peer: brax's PPO on our brax view, the attacker against a frozen, untrained defender: one learner.
+"""Peer: brax's PPO on our brax view, the attacker against a frozen, untrained defender: one
+learner.
 
     python -m benchmarks.peers.brax_ppo      # asked for its turns on stdin, see `turns`
 
-brax wants mini-batches x sequences to be a multiple of the environments: 996 instead of 1000, so that six mini-batches
-of 166 sequences of 24 steps are one rollout. The other settings are those of our `LearnConfig` where brax has them.
+brax wants mini-batches x sequences to be a multiple of the environments: 996 instead of 1000, so
+that six mini-batches of 166 sequences of 24 steps are one rollout. The other settings are those of
+our `LearnConfig` where brax has them.
 """
 
 import functools
@@ -31,7 +33,9 @@ def main() -> None:
     config = Config()
     learn = config.learn
     frozen = policy_of(init_learner(jax.random.key(1), learn))
-    env = CombatEnv(Combat(config), ATTACKER, policy_pilot(learn, frozen, DEFENDER, stochastic=True))
+    env = CombatEnv(
+        Combat(config), ATTACKER, policy_pilot(learn, frozen, DEFENDER, stochastic=True)
+    )
     sequences = config.train.num_envs // learn.minibatches
     rollout = sequences * learn.minibatches * learn.rollout_steps
     turns = Turns(rollout)

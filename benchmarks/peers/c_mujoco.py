@@ -1,7 +1,9 @@
-"""The duel in C MuJoCo and NumPy: the MJCF as it is, `mujoco.rollout` on threads, rules and reward vectorised.
+"""The duel in C MuJoCo and NumPy: the MJCF as it is, `mujoco.rollout` on threads, rules and reward
+vectorised.
 
-What somebody without MJX would write; `check` compares it with our step. Only what the default settings
-play (fights end at a crash, a time-out is a draw, world observation) is in here; no learning.
+What somebody without MJX would write; `check` compares it with our step. Only what the default
+settings play (fights end at a crash, a time-out is a draw, world observation) is in here; no
+learning.
 """
 
 from typing import NamedTuple
@@ -34,7 +36,9 @@ class Duel:
         self._config = config
         self._scene = load_scene(config.sim)
         self._model = self._scene.full
-        assert mujoco.mj_stateSize(self._model, int(mujoco.mjtState.mjSTATE_FULLPHYSICS)) == QVEL.stop
+        assert (
+            mujoco.mj_stateSize(self._model, int(mujoco.mjtState.mjSTATE_FULLPHYSICS)) == QVEL.stop
+        )
         self._low, self._high = self._model.actuator_ctrlrange.T
         self._pool = mujoco.rollout.Rollout(nthread=threads)
         self._data = [mujoco.MjData(self._model) for _ in range(threads)]
@@ -53,7 +57,12 @@ class Duel:
         velocity = np.einsum("naij,nai->naj", rotation, twist[..., :3])  # R^T v
         twist = np.concatenate([velocity, twist[..., 3:]], axis=-1)
         size = len(pose)
-        parts = (pose.reshape(size, 14), self.target, twist.reshape(size, 12), -rotation[..., 2, :].reshape(size, 6))
+        parts = (
+            pose.reshape(size, 14),
+            self.target,
+            twist.reshape(size, 12),
+            -rotation[..., 2, :].reshape(size, 6),
+        )
         return np.concatenate(parts, axis=-1, dtype=np.float32, casting="same_kind")
 
     def step(self, action: np.ndarray) -> Step:
@@ -71,24 +80,36 @@ class Duel:
     def _fly(self, action: np.ndarray) -> None:
         control = self._low + 0.5 * (action + 1.0) * (self._high - self._low)
         substeps = self._config.sim.substeps
-        self._pool.rollout(self._model, self._data, self.state, control[:, None], nstep=substeps, state=self._path)
+        self._pool.rollout(
+            self._model, self._data, self.state, control[:, None], nstep=substeps, state=self._path
+        )
         flown = self._path[:, -1]
         rate = flown[:, QVEL].reshape(-1, 2, 6)[..., 3:]
         norm = np.linalg.norm(rate, axis=-1, keepdims=True)
         rate *= np.minimum(1.0, self._config.sim.max_body_rate / np.maximum(norm, 1e-6))
         self.state[:] = flown
 
-    def _judge(self, before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Intercepted, reached, both crashed [N], and one crashed alone [N, 2]; at most one of them is true."""
+    def _judge(
+        self, before: np.ndarray, after: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Intercepted, reached, both crashed [N], and one crashed alone [N, 2]; at most one of them
+        is true.
+        """
         game = self._config.game
-        near = _closest(before[:, 0] - before[:, 1], after[:, 0] - after[:, 1]) < game.intercept_radius
-        hit = (_closest(before[:, 1] - self.target, after[:, 1] - self.target) < game.reach_radius) & ~near
+        near = (
+            _closest(before[:, 0] - before[:, 1], after[:, 0] - after[:, 1]) < game.intercept_radius
+        )
+        hit = (
+            _closest(before[:, 1] - self.target, after[:, 1] - self.target) < game.reach_radius
+        ) & ~near
         crashed = (after[..., 2] < game.crash_altitude) & ~(near | hit)[:, None]
         both = np.all(crashed, axis=1)
         self._crashed = after[..., 2] < game.crash_altitude  # pays, whatever ended the fight
         return near, hit, both, crashed & ~both[:, None]
 
-    def _reward(self, near: np.ndarray, hit: np.ndarray, both: np.ndarray, alone: np.ndarray) -> np.ndarray:
+    def _reward(
+        self, near: np.ndarray, hit: np.ndarray, both: np.ndarray, alone: np.ndarray
+    ) -> np.ndarray:
         """Reward [N, 2] of eq. 9-12."""
         weights, positions = self._config.reward, self._positions()
         twist = self.state[:, QVEL].reshape(-1, 2, 6)
@@ -107,7 +128,9 @@ class Duel:
         game, count = self._config.game, int(which.sum())
         if not count:
             return
-        altitude = self._random.uniform(game.spawn_altitude_low, game.spawn_altitude_high, (count, 3, 1))
+        altitude = self._random.uniform(
+            game.spawn_altitude_low, game.spawn_altitude_high, (count, 3, 1)
+        )
         places = np.concatenate([np.broadcast_to(PLACES, (count, 3, 2)), altitude], axis=-1)
         fresh = np.zeros((count, QVEL.stop))
         pose = fresh[:, QPOS].reshape(count, 2, 7)  # a view

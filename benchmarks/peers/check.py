@@ -1,10 +1,12 @@
-"""Do the peers play our game? One control step from the same states with the same actions, beside `Combat.step`.
+"""Do the peers play our game? One control step from the same states with the same actions, beside
+`Combat.step`.
 
     python -m benchmarks.peers.check
 
-The states are 512 fights after up to 40 random steps, some put where something is about to happen: two drones close by,
-an attacker near the target, drones near the ground, clocks near the end. Exits with 1 where anything differs by more than
-float32 explains: an observation by 2e-4 (a rate of 50 rad/s is known to 4e-6), a reward by 2e-3 of up to 300, an end.
+The states are 512 fights after up to 40 random steps, some put where something is about to happen:
+two drones close by, an attacker near the target, drones near the ground, clocks near the end. Exits
+with 1 where anything differs by more than float32 explains: an observation by 2e-4 (a rate of 50
+rad/s is known to 4e-6), a reward by 2e-3 of up to 300, an end.
 """
 
 import sys
@@ -40,7 +42,9 @@ def situations(combat: Combat) -> tuple[EnvState, np.ndarray]:
         after, output = step(state, action)
         on = (t < flown_steps) & (np.asarray(output.cause) == Cause.NONE)
         state = jax.tree.map(
-            lambda new, old, on=on: np.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old), after, state
+            lambda new, old, on=on: np.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old),
+            after,
+            state,
         )
     qpos, quarter = np.array(state.qpos), NUM_FIGHTS // 8
     near = random.uniform(-0.5, 0.5, (quarter, 3))
@@ -54,16 +58,23 @@ def situations(combat: Combat) -> tuple[EnvState, np.ndarray]:
     return state, random.uniform(-1.3, 1.3, (NUM_FIGHTS, 2, 4)).astype(np.float32)
 
 
-def differences(name: str, ours: StepOutput, observation, reward, terminated, truncated) -> list[str]:
+def differences(
+    name: str, ours: StepOutput, observation, reward, terminated, truncated
+) -> list[str]:
     """Lines that say what differs; `observation` [N, 35] counts where no fight ended."""
     over = np.asarray(ours.terminated | ours.truncated)
     apart = {
-        "observation": (np.abs(observation - ours.observation[:, 0])[~over].max(), OBSERVATION_TOLERANCE),
+        "observation": (
+            np.abs(observation - ours.observation[:, 0])[~over].max(),
+            OBSERVATION_TOLERANCE,
+        ),
         "reward": (np.abs(reward - ours.reward).max(), REWARD_TOLERANCE),
         "terminated": (np.sum(terminated != ours.terminated), 0),
         "truncated": (np.sum(truncated != ours.truncated), 0),
     }
-    print(f"{name}: " + ", ".join(f"{what} {float(value):.2g}" for what, (value, _) in apart.items()))
+    print(
+        f"{name}: " + ", ".join(f"{what} {float(value):.2g}" for what, (value, _) in apart.items())
+    )
     return [
         f"{name}: {what} differs by {value}, {most} allowed"
         for what, (value, most) in apart.items()
@@ -82,8 +93,17 @@ def main() -> None:
         for cause, count in zip(*np.unique(ours.cause, return_counts=True), strict=True)
     }
     print(f"{NUM_FIGHTS} fights: {causes}")
-    missing = {"intercept", "reached", "defender_crash", "attacker_crash", "both_crash", "timeout"} - causes.keys()
-    faults = [f"no fight ended by {', '.join(sorted(missing))}: nothing is proved"] if missing else []
+    missing = {
+        "intercept",
+        "reached",
+        "defender_crash",
+        "attacker_crash",
+        "both_crash",
+        "timeout",
+    } - causes.keys()
+    faults = (
+        [f"no fight ended by {', '.join(sorted(missing))}: nothing is proved"] if missing else []
+    )
 
     duel = Duel(config, NUM_FIGHTS, threads=2)
     duel.state[:, QPOS], duel.state[:, QVEL], duel.target[:], duel.clock[:] = (
@@ -99,12 +119,16 @@ def main() -> None:
     keys = jax.random.split(jax.random.key(1), NUM_FIGHTS)
     start: FullState = jax.vmap(full.reset)(keys)[1]
     start = start.replace(
-        data=start.data.replace(qpos=state.qpos, qvel=state.qvel), target=state.target, clock=state.clock
+        data=start.data.replace(qpos=state.qpos, qvel=state.qvel),
+        target=state.target,
+        clock=state.clock,
     )
     _, reward, cause = jax.jit(jax.vmap(full.fly))(start, action)
     observation = jax.jit(jax.vmap(full.step))(keys, start, action)[0]
     timeout = np.asarray(cause) == Cause.TIMEOUT
-    faults += differences("full mjx.Data", ours, observation, reward, (cause != Cause.NONE) & ~timeout, timeout)
+    faults += differences(
+        "full mjx.Data", ours, observation, reward, (cause != Cause.NONE) & ~timeout, timeout
+    )
     if faults:
         sys.exit("\n".join(faults))
 

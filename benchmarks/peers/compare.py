@@ -1,11 +1,13 @@
-"""Ours beside other learners on the same game, in turns, on this machine: a Markdown table of steps per second.
+"""Ours beside other learners on the same game, in turns, on this machine: a Markdown table of steps
+per second.
 
     make bench-peers        # or, in its environment: python -m benchmarks.peers.compare [--json FILE]
 
-First `check` proves that the peers play our game. Then each part starts in a process of its own and compiles; all stay
-alive and take turns, burst by burst, so that a shared host's drift hits all alike. Rates are environment steps (two
-physics steps) per second; ratios are taken within each round, the table shows the medians. Bursts in which other
-processes took more than 0.2 cores are left out where at least three others are left. README.md says what is equal.
+First `check` proves that the peers play our game. Then each part starts in a process of its own and
+compiles; all stay alive and take turns, burst by burst, so that a shared host's drift hits all
+alike. Rates are environment steps (two physics steps) per second; ratios are taken within each
+round, the table shows the medians. Bursts in which other processes took more than 0.2 cores are
+left out where at least three others are left. README.md says what is equal.
 """
 
 import argparse
@@ -41,7 +43,9 @@ PARTS = {
     "ours": Part("ours", "ours", ("duel",)),
     "skrl": Part("skrl 1.4.3 IPPO (torch) on C MuJoCo, threads", "skrl_ippo", against="ours"),
     "purejaxrl": Part("purejaxrl-shaped IPPO, full mjx.Data", "purejaxrl_ippo", against="ours"),
-    "one-learner": Part("ours, one learner against a frozen policy", "ours", ("one-learner",), learners=1),
+    "one-learner": Part(
+        "ours, one learner against a frozen policy", "ours", ("one-learner",), learners=1
+    ),
     "brax": Part("brax PPO on our brax view", "brax_ppo", learners=1, against="one-learner"),
     "floor": Part("the bound: a 2048-cube product in NumPy over 5.0 MFLOP a step", "floor"),
     "two-seeds": Part("ours, two seeds on two virtual devices, summed", "ours", ("two-seeds",)),
@@ -50,18 +54,28 @@ PARTS = {
 
 def main() -> None:
     """Check, measure, print, write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--rounds", type=int, default=5, help="bursts of each part")
     parser.add_argument("--seconds", type=float, default=4.0, help="length of a burst")
     parser.add_argument("--json", type=Path, help="write all figures to this file, too")
-    parser.add_argument("--pause", action="store_true", help="wait for Enter before measuring, to quieten the machine")
+    parser.add_argument(
+        "--pause",
+        action="store_true",
+        help="wait for Enter before measuring, to quieten the machine",
+    )
     options = parser.parse_args()
     if options.rounds < 1 or not options.seconds > 0.0:
         parser.error("--rounds must be at least 1 and --seconds above 0")
     missing = [name for name in ("torch", "skrl", "gymnasium") if not installed(name)]
     if missing:
-        sys.exit(f"error: {', '.join(missing)} not installed here: make bench-peers makes the environment for it")
-    subprocess.run([sys.executable, "-m", "benchmarks.peers.check"], cwd=ROOT, check=True, stdout=sys.stderr)
+        sys.exit(
+            f"error: {', '.join(missing)} not installed here: make bench-peers makes the environment for it"
+        )
+    subprocess.run(
+        [sys.executable, "-m", "benchmarks.peers.check"], cwd=ROOT, check=True, stdout=sys.stderr
+    )
     figures = measure(options.rounds, options.seconds, options.pause)
     print(table(figures))
     if options.json:
@@ -97,13 +111,21 @@ def measure(rounds: int, seconds: float, pause: bool) -> dict[str, dict[str, Any
 def over(figures: dict[str, dict[str, Any]], ours: str, peer: str) -> float:
     """Median over the rounds of one rate over the other in the same round."""
     rates, others = figures[ours]["steps_per_second"], figures[peer]["steps_per_second"]
-    return statistics.median(rates[turn] / others[turn] for turn in undisturbed(figures, ours, peer))
+    return statistics.median(
+        rates[turn] / others[turn] for turn in undisturbed(figures, ours, peer)
+    )
 
 
 def undisturbed(figures: dict[str, dict[str, Any]], *names: str) -> list[int]:
-    """The rounds in which these parts had the machine to themselves; all rounds where those are too few."""
+    """The rounds in which these parts had the machine to themselves; all rounds where those are too
+    few.
+    """
     rounds = range(len(figures[names[0]]["other_cores"]))
-    alone = [turn for turn in rounds if all((figures[name]["other_cores"][turn] or 0.0) <= DISTURBED for name in names)]
+    alone = [
+        turn
+        for turn in rounds
+        if all((figures[name]["other_cores"][turn] or 0.0) <= DISTURBED for name in names)
+    ]
     return alone if len(alone) >= ENOUGH else list(rounds)
 
 
@@ -117,12 +139,20 @@ def table(figures: dict[str, dict[str, Any]]) -> str:
         row, turns = figures[name], undisturbed(figures, name)
         rates = sorted(row["steps_per_second"][turn] for turn in turns)
         rate = f"{statistics.median(rates):,.0f} ({rates[0]:,.0f} to {rates[-1]:,.0f})"
-        ratios = [f"{row[key]:.2f}" if key in row else "" for key in ("ours_over_it", "two_seeds_over_it")]
+        ratios = [
+            f"{row[key]:.2f}" if key in row else "" for key in ("ours_over_it", "two_seeds_over_it")
+        ]
         rows.append(
             f"| {part.title} | {part.learners} | {rate} | {' | '.join(ratios)} | {row['peak_mib']:,.0f} | {len(turns)} of {len(row['other_cores'])} |"
         )
-    met = [part.title for name, part in PARTS.items() if figures[name].get("ours_over_it", 0.0) >= TARGET]
-    rows.append(f"\nAt least {TARGET:g} times as fast, same work, as: {'; '.join(met) or 'none of them'}.")
+    met = [
+        part.title
+        for name, part in PARTS.items()
+        if figures[name].get("ours_over_it", 0.0) >= TARGET
+    ]
+    rows.append(
+        f"\nAt least {TARGET:g} times as fast, same work, as: {'; '.join(met) or 'none of them'}."
+    )
     return "\n".join(rows)
 
 
@@ -134,7 +164,10 @@ def record(figures: dict[str, dict[str, Any]], options: argparse.Namespace) -> d
         "rounds": options.rounds,
         "seconds": options.seconds,
         "machine": backend.machine(),
-        "versions": {"python": platform.python_version(), **{name: metadata.version(name) for name in packages}},
+        "versions": {
+            "python": platform.python_version(),
+            **{name: metadata.version(name) for name in packages},
+        },
     }
 
 

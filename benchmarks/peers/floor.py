@@ -1,11 +1,13 @@
-"""The bound of two learners: this machine's 2048-cube float32 product over the 5.0 MFLOP of products that a step takes.
+"""The bound of two learners: this machine's 2048-cube float32 product over the 5.0 MFLOP of
+products that a step takes.
 
 python -m benchmarks.peers.floor      # asked for its turns on stdin, see `turns`
 """
 
 import os
 
-for variable in ("OPENBLAS_CORETYPE", "OPENBLAS_L2_SIZE"):  # a kernel chosen for another processor, where one is
+for variable in ("OPENBLAS_CORETYPE", "OPENBLAS_L2_SIZE"):
+    # a kernel chosen for another processor, where one is
     os.environ.pop(variable, None)
 
 import numpy as np  # noqa: E402
@@ -13,7 +15,8 @@ import numpy as np  # noqa: E402
 from benchmarks.peers.turns import Turns  # noqa: E402
 
 SIZE = 2048
-# Four networks forward in the rollout, five epochs forward and backward without the input's gradient.
+# Four networks forward in the rollout, five epochs forward and backward without the input's
+# gradient.
 FLOP_PER_STEP = 5.0e6
 
 

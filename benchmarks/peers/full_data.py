@@ -1,7 +1,9 @@
-"""The duel in MJX as it is first written: the full scene, its site motors, and the whole `mjx.Data` as state.
+"""The duel in MJX as it is first written: the full scene, its site motors, and the whole `mjx.Data`
+as state.
 
-Rules, observation and reward are ours (`combat`), so that the game is the same; what differs is what is stepped and
-carried. Every step draws a new start beside the flown state and chooses leaf by leaf, as gymnax environments do.
+Rules, observation and reward are ours (`combat`), so that the game is the same; what differs is
+what is stepped and carried. Every step draws a new start beside the flown state and chooses leaf by
+leaf, as gymnax environments do.
 """
 
 import copy
@@ -35,7 +37,8 @@ class FullCombat:
     def __init__(self, combat: Combat):
         self._combat, self._mjx = combat, import_mjx()
         model = copy.copy(combat.scene.full)
-        # MJX has no `implicit`, with which this body does not diverge; hence Euler and our gyroscopic torque.
+        # MJX has no `implicit`, with which this body does not diverge; hence Euler and our
+        # gyroscopic torque.
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
         self._low, self._high = jnp.asarray(model.actuator_ctrlrange.T, jnp.float32)
         self._inertia = jnp.asarray(combat.scene.inertia, jnp.float32)
@@ -65,7 +68,9 @@ class FullCombat:
         """One control step without reset: state, reward [A], cause []."""
         combat, sim = self._combat, self._combat.config.sim
         before = split(state.data.qpos, state.data.qvel)
-        ctrl = self._low + 0.5 * (jnp.clip(action, -1.0, 1.0).reshape(-1) + 1.0) * (self._high - self._low)
+        ctrl = self._low + 0.5 * (jnp.clip(action, -1.0, 1.0).reshape(-1) + 1.0) * (
+            self._high - self._low
+        )
         data = state.data.replace(ctrl=ctrl)
         moment = ctrl.reshape(2, 4)[:, 1:]
         for _ in range(sim.substeps):

@@ -2,8 +2,9 @@
 
     python -m benchmarks.peers.ours duel | one-learner | two-seeds      # asked for its turns on stdin, see `turns`
 
-`duel`: two learners, one seed, one program. `one-learner`: the same while the defender does not learn yet (the
-head start), against which brax stands, which trains one role. `two-seeds`: two seeds on two virtual devices.
+`duel`: two learners, one seed, one program. `one-learner`: the same while the defender does not
+learn yet (the head start), against which brax stands, which trains one role. `two-seeds`: two seeds
+on two virtual devices.
 """
 
 import argparse
@@ -18,7 +19,9 @@ FOREVER = 10**12  # environment steps
 
 def main() -> None:
     """Train for ever, in turns."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("variant", choices=("duel", "one-learner", "two-seeds"))
     variant = parser.parse_args().variant
     seeds = 2 if variant == "two-seeds" else 1
@@ -31,7 +34,9 @@ def main() -> None:
 
     config = Config()
     head_start = FOREVER if variant == "one-learner" else 0
-    config = replace(config, train=replace(config.train, num_seeds=seeds, head_start_steps=head_start))
+    config = replace(
+        config, train=replace(config.train, num_seeds=seeds, head_start_steps=head_start)
+    )
     combat = Combat(config)
     state = jax.jit(lambda: init_state(combat))()
     program = jax.jit(build_advance(combat, 1, seed_devices(config)), donate_argnums=0)

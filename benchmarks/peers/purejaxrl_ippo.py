@@ -1,9 +1,11 @@
-"""Peer: IPPO in the shape of purejaxrl's single-file PPO, with the full `mjx.Data` in the scan's carry (`full_data`).
+"""Peer: IPPO in the shape of purejaxrl's single-file PPO, with the full `mjx.Data` in the scan's
+carry (`full_data`).
 
     python -m benchmarks.peers.purejaxrl_ippo      # asked for its turns on stdin, see `turns`
 
-One scan over environment steps with the key in the carry, one for the advantages, one over shuffled mini-batches; flax
-modules and optax train states. Two learners where purejaxrl has one; the settings are those of our `LearnConfig`.
+One scan over environment steps with the key in the carry, one for the advantages, one over shuffled
+mini-batches; flax modules and optax train states. Two learners where purejaxrl has one; the
+settings are those of our `LearnConfig`.
 """
 
 from typing import Any, NamedTuple
@@ -71,7 +73,9 @@ def make_train(config: Config, combat: Combat) -> tuple[Any, Any]:
         )
         states = tuple(
             TrainState.create(
-                apply_fn=network.apply, params=network.init(rngs[agent], jnp.zeros(OBSERVATION_SIZE)), tx=tx
+                apply_fn=network.apply,
+                params=network.init(rngs[agent], jnp.zeros(OBSERVATION_SIZE)),
+                tx=tx,
             )
             for agent in AGENTS
         )
@@ -102,12 +106,20 @@ def make_train(config: Config, combat: Combat) -> tuple[Any, Any]:
             learn_agent(learn, state, transition, last, key)
             for state, transition, key in zip(states, transitions, rngs, strict=True)
         )
-        return states, update_scaler(scaler, seen, jnp.ones(seen.shape[:-1])), env_state, last_obs, rng
+        return (
+            states,
+            update_scaler(scaler, seen, jnp.ones(seen.shape[:-1])),
+            env_state,
+            last_obs,
+            rng,
+        )
 
     return init, update
 
 
-def act(state: TrainState, obs: jax.Array, rng: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def act(
+    state: TrainState, obs: jax.Array, rng: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Action, log-probability and value for normalised observations [N, 35]."""
     mean, log_std, value = state.apply_fn(state.params, obs)
     action = mean + jnp.exp(log_std) * jax.random.normal(rng, mean.shape)
@@ -127,14 +139,18 @@ def advantages(learn: LearnConfig, batch: Transition, last_value: jax.Array) -> 
     return jax.lax.scan(step, (jnp.zeros_like(last_value), last_value), batch, reverse=True)[1]
 
 
-def learn_agent(learn: LearnConfig, state: TrainState, batch: Transition, last_obs: jax.Array, rng: jax.Array):
+def learn_agent(
+    learn: LearnConfig, state: TrainState, batch: Transition, last_obs: jax.Array, rng: jax.Array
+):
     """All epochs of one agent."""
     gae = advantages(learn, batch, state.apply_fn(state.params, last_obs)[2])
     flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), (batch, gae, gae + batch.value))
     size = flat[1].shape[0]
 
     def update_minibatch(state, minibatch):
-        (_, kl), grads = jax.value_and_grad(loss, argnums=1, has_aux=True)(learn, state.params, state, *minibatch)
+        (_, kl), grads = jax.value_and_grad(loss, argnums=1, has_aux=True)(
+            learn, state.params, state, *minibatch
+        )
         return state.apply_gradients(grads=grads), kl
 
     def update_epoch(state, rng):
@@ -149,7 +165,14 @@ def learn_agent(learn: LearnConfig, state: TrainState, batch: Transition, last_o
     return jax.lax.scan(update_epoch, state, jax.random.split(rng, learn.epochs))[0]
 
 
-def loss(learn: LearnConfig, params, state: TrainState, batch: Transition, gae: jax.Array, target: jax.Array):
+def loss(
+    learn: LearnConfig,
+    params,
+    state: TrainState,
+    batch: Transition,
+    gae: jax.Array,
+    target: jax.Array,
+):
     """Clipped losses of one mini-batch [B, ...]; also the approximate KL."""
     mean, log_std, value = state.apply_fn(params, batch.obs)
     log_ratio = gaussian_log_prob(batch.action, mean, log_std) - batch.log_prob
@@ -159,7 +182,11 @@ def loss(learn: LearnConfig, params, state: TrainState, batch: Transition, gae: 
     policy_loss = -jnp.mean(jnp.minimum(ratio * gae, clipped * gae))
     near = batch.value + jnp.clip(value - batch.value, -learn.clip_value, learn.clip_value)
     value_loss = jnp.mean(jnp.maximum((value - target) ** 2, (near - target) ** 2))
-    total = policy_loss + learn.value_loss_scale * value_loss - learn.entropy_scale * gaussian_entropy(log_std).mean()
+    total = (
+        policy_loss
+        + learn.value_loss_scale * value_loss
+        - learn.entropy_scale * gaussian_entropy(log_std).mean()
+    )
     return total, jnp.mean(ratio - 1.0 - log_ratio)
 
 

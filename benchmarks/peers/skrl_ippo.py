@@ -2,7 +2,8 @@
 
     python -m benchmarks.peers.skrl_ippo      # asked for its turns on stdin, see `turns`
 
-skrl's own agent through its public calls, as its trainer makes them; the settings are those of our `LearnConfig`.
+skrl's own agent through its public calls, as its trainer makes them; the settings are those of our
+`LearnConfig`.
 """
 
 import gymnasium  # pyright: ignore[reportMissingImports]
@@ -42,9 +43,13 @@ class Policy(GaussianMixin, Model):
     def __init__(self, learn: LearnConfig):
         Model.__init__(self, *SPACES, "cpu")
         bounds = {"min_log_std": learn.min_log_std, "max_log_std": learn.max_log_std}
-        GaussianMixin.__init__(self, clip_actions=False, clip_log_std=True, reduction="sum", **bounds)
+        GaussianMixin.__init__(
+            self, clip_actions=False, clip_log_std=True, reduction="sum", **bounds
+        )
         self.net = mlp(learn, ACTION_SIZE)
-        self.log_std_parameter = torch.nn.Parameter(torch.full((ACTION_SIZE,), learn.initial_log_std))
+        self.log_std_parameter = torch.nn.Parameter(
+            torch.full((ACTION_SIZE,), learn.initial_log_std)
+        )
 
     def compute(self, inputs, role):
         return self.net(inputs["states"]), self.log_std_parameter, {}
@@ -72,7 +77,9 @@ def make_agent(config: Config) -> IPPO:
     agent = IPPO(
         possible_agents=ROLES,
         models=models,
-        memories={uid: RandomMemory(learn.rollout_steps, config.train.num_envs, "cpu") for uid in ROLES},
+        memories={
+            uid: RandomMemory(learn.rollout_steps, config.train.num_envs, "cpu") for uid in ROLES
+        },
         observation_spaces=dict.fromkeys(ROLES, SPACES[0]),
         action_spaces=dict.fromkeys(ROLES, SPACES[1]),
         device="cpu",
@@ -136,7 +143,8 @@ def main() -> None:
     while True:
         for _ in range(config.learn.rollout_steps):
             observation = fly(agent, duel, observation)
-            agent.post_interaction(timestep=0, timesteps=1)  # learns after the last step of a rollout
+            # learns after the last step of a rollout
+            agent.post_interaction(timestep=0, timesteps=1)
         turns.done()
 
 

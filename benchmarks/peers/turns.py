@@ -1,8 +1,8 @@
 """Peers that take turns: one process each, all alive, one burst of work at a time.
 
-In here: the child's side (`Turns`) and the parent's (`Peer`). One JSON object a line; the parent writes the seconds
-of a burst, the child answers with its rate, and with what other processes took of the cores meanwhile (None where the
-system does not tell). Not in here: what is measured.
+In here: the child's side (`Turns`) and the parent's (`Peer`). One JSON object a line; the parent
+writes the seconds of a burst, the child answers with its rate, and with what other processes took
+of the cores meanwhile (None where the system does not tell). Not in here: what is measured.
 """
 
 import json
@@ -29,7 +29,9 @@ class Turns:
         self._start, self._own, self._all = time.perf_counter(), time.process_time(), busy_seconds()
 
     def done(self) -> None:
-        """Return when there is more to do: at once within a burst, else when the parent asks. Ends the process with it."""
+        """Return when there is more to do: at once within a burst, else when the parent asks. Ends
+        the process with it.
+        """
         self._calls += 1
         elapsed = time.perf_counter() - self._start
         if elapsed < self._seconds:
@@ -46,14 +48,26 @@ class Turns:
         if not self._seconds:
             return {"first_call_seconds": elapsed, "peak_mib": peak}
         own, busy = time.process_time() - self._own, busy_seconds()
-        others = None if busy is None or self._all is None else max(0.0, busy - self._all - own) / elapsed
-        return {"steps_per_second": self._calls * self._steps / elapsed, "other_cores": others, "peak_mib": peak}
+        others = (
+            None
+            if busy is None or self._all is None
+            else max(0.0, busy - self._all - own) / elapsed
+        )
+        return {
+            "steps_per_second": self._calls * self._steps / elapsed,
+            "other_cores": others,
+            "peak_mib": peak,
+        }
 
 
 def busy_seconds() -> float | None:
-    """CPU seconds that all processes together, and other guests of the same host, have taken since the start (Linux)."""
+    """CPU seconds that all processes together, and other guests of the same host, have taken since
+    the start (Linux).
+    """
     try:
-        columns = [int(word) for word in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
+        columns = [
+            int(word) for word in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]
+        ]
     except OSError:
         return None
     user, nice, system, _idle, _wait, irq, softirq, steal = columns
@@ -61,7 +75,9 @@ def busy_seconds() -> float | None:
 
 
 class Peer:
-    """The parent's side; starting it waits until the child has done its first call. A context manager."""
+    """The parent's side; starting it waits until the child has done its first call. A context
+    manager.
+    """
 
     def __init__(self, name: str, module: str, *arguments: str):
         """`module` of this folder, run with `arguments`; its errors are kept for `ask`."""
@@ -89,7 +105,9 @@ class Peer:
         self.close()
 
     def ask(self, seconds: float) -> dict[str, Any]:
-        """One burst of about `seconds`: environment steps per second and the process's peak memory so far."""
+        """One burst of about `seconds`: environment steps per second and the process's peak memory
+        so far.
+        """
         assert self._process.stdin is not None
         print(seconds, file=self._process.stdin, flush=True)
         return self._answer()

@@ -1,11 +1,13 @@
-"""One role of the fight as a brax environment: brax.training's PPO and SAC learn it against a frozen opponent.
+"""One role of the fight as a brax environment: brax.training's PPO and SAC learn it against a
+frozen opponent.
 
     env = CombatEnv(combat, ATTACKER, build_pilot("hover_guard", config, combat.scene))
     mend_brax()
     ppo.train(env, episode_length=env.episode_steps, wrap_env_fn=wrap, ...)
 
-In here: the view and the wrapper that `train` needs. Not in here: training, and the game itself (`combat`).
-`wrap` stands in for brax's own wrapper, which starts every fight of an environment from the same state.
+In here: the view and the wrapper that `train` needs. Not in here: training, and the game itself
+(`combat`). `wrap` stands in for brax's own wrapper, which starts every fight of an environment from
+the same state.
 """
 
 from dataclasses import replace
@@ -36,26 +38,36 @@ _WINS = {DEFENDER: Outcome.DEFENDER, ATTACKER: Outcome.ATTACKER}
 
 
 class CombatEnv(Env):
-    """One fight, flown by a learner as `role` and by `opponent` in the other place; `reset` and `step` are pure.
+    """One fight, flown by a learner as `role` and by `opponent` in the other place; `reset` and
+    `step` are pure.
 
-    `done` is 1 at every end; `info["time_out"]` is 1 where time ran out on an undecided fight, as brax's
-    `bootstrap_on_timeout` reads it. `info["final_observation"]` [35] is the observation after the step, before any
-    reset. `metrics` `win`, `draw` and `loss` are 1 at the step that ends a fight so. `info["key"]` is there because
-    brax's `step` is given no key.
+    `done` is 1 at every end; `info["time_out"]` is 1 where time ran out on an undecided fight, as
+    brax's `bootstrap_on_timeout` reads it. `info["final_observation"]` [35] is the observation
+    after the step, before any reset. `metrics` `win`, `draw` and `loss` are 1 at the step that ends
+    a fight so. `info["key"]` is there because brax's `step` is given no key.
     """
 
     def __init__(self, combat: Combat, role: int, opponent: Pilot | None = None):
-        """`opponent` flies the other role; None in the scenario `solo`, where the attacker is alone.
+        """`opponent` flies the other role; None in the scenario `solo`, where the attacker is
+        alone.
 
         Raises UserError for a role that is none, and for an opponent too many or too few.
         """
         solo = combat.config.game.scenario == "solo"
         if role not in (DEFENDER, ATTACKER):
-            raise UserError(f"role {role}: there are {DEFENDER} ({ROLES[DEFENDER]}) and {ATTACKER} ({ROLES[ATTACKER]})")
+            raise UserError(
+                f"role {role}: there are {DEFENDER} ({ROLES[DEFENDER]}) and {ATTACKER} ({ROLES[ATTACKER]})"
+            )
         if solo and role == DEFENDER:
-            raise UserError("the defender is absent in game.scenario = solo: learn as the attacker, or fly a duel")
+            raise UserError(
+                "the defender is absent in game.scenario = solo: learn as the attacker, or fly a duel"
+            )
         if solo != (opponent is None):
-            lack = "needs an opponent" if opponent is None else "takes no opponent: the attacker is alone"
+            lack = (
+                "needs an opponent"
+                if opponent is None
+                else "takes no opponent: the attacker is alone"
+            )
             raise UserError(f"game.scenario = {combat.config.game.scenario} {lack}")
         self.combat, self.role, self._opponent = combat, role, opponent
         self._outcomes = np.asarray(outcome_table(combat.config.game))
@@ -89,13 +101,21 @@ class CombatEnv(Env):
             reward=zero,
             done=zero,
             metrics={"win": zero, "draw": zero, "loss": zero},
-            info={"key": jax.random.key_data(key), "time_out": zero, "final_observation": observation},
+            info={
+                "key": jax.random.key_data(key),
+                "time_out": zero,
+                "final_observation": observation,
+            },
         )
 
     def step(self, state: State, action: jax.Array) -> State:
-        """Fly one control step with the learner's `action` [4]; the environment clips it. Does not reset."""
+        """Fly one control step with the learner's `action` [4]; the environment clips it. Does not
+        reset.
+        """
         key, opponent_key = jax.random.split(_typed(state.info["key"]))
-        fight, output = self.combat.step(_fight(state), self._both(_fight(state), action, opponent_key))
+        fight, output = self.combat.step(
+            _fight(state), self._both(_fight(state), action, opponent_key)
+        )
         observation = output.observation[self.role]
         info = {
             "key": jax.random.key_data(key),
@@ -123,19 +143,28 @@ class CombatEnv(Env):
         else:
             alone = jax.tree.map(lambda leaf: leaf[None], fight)
             other = self._opponent(alone, self.combat.observe(fight)[None], key)[0]
-        return jnp.zeros((NUM_AGENTS, ACTION_SIZE)).at[self.role].set(action).at[1 - self.role].set(other)
+        return (
+            jnp.zeros((NUM_AGENTS, ACTION_SIZE))
+            .at[self.role]
+            .set(action)
+            .at[1 - self.role]
+            .set(other)
+        )
 
     def _outcome(self, output: StepOutput) -> dict[str, jax.Array]:
         ended = output.terminated | output.truncated
         outcome = jnp.asarray(self._outcomes)[output.cause]
         named = {"win": _WINS[self.role], "draw": Outcome.DRAW, "loss": _WINS[1 - self.role]}
-        return {name: (ended & (outcome == which)).astype(jnp.float32) for name, which in named.items()}
+        return {
+            name: (ended & (outcome == which)).astype(jnp.float32) for name, which in named.items()
+        }
 
 
 class FreshStarts(Wrapper):
     """Fights side by side, each end followed by a start newly drawn; time-outs are truncations.
 
-    `game.random_clock` has no effect: brax evaluates through this wrapper, too, and wants whole fights.
+    `game.random_clock` has no effect: brax evaluates through this wrapper, too, and wants whole
+    fights.
     """
 
     def __init__(self, env: Env, mask_time_outs: bool = True):
@@ -166,28 +195,38 @@ class FreshStarts(Wrapper):
 
 
 def wrap(
-    env: Env, episode_length: int, action_repeat: int = 1, randomization_fn: None = None, mask_time_outs: bool = True
+    env: Env,
+    episode_length: int,
+    action_repeat: int = 1,
+    randomization_fn: None = None,
+    mask_time_outs: bool = True,
 ) -> Wrapper:
-    """The `wrap_env_fn` for brax's `ppo.train` and `sac.train`: a batch of fights with fresh starts.
+    """The `wrap_env_fn` for brax's `ppo.train` and `sac.train`: a batch of fights with fresh
+    starts.
 
     A truncated step is left out of PPO's and SAC's losses (`info["truncation"]`). For PPO's
-    `bootstrap_on_timeout` pass `functools.partial(wrap, mask_time_outs=False)`. An `episode_length` below
-    the game's own truncates earlier; above, nothing changes.
-    Raises UserError for another environment, repeated actions and randomised models.
+    `bootstrap_on_timeout` pass `functools.partial(wrap, mask_time_outs=False)`. An `episode_length`
+    below the game's own truncates earlier; above, nothing changes. Raises UserError for another
+    environment, repeated actions and randomised models.
     """
     if not isinstance(env.unwrapped, CombatEnv):
         raise UserError(f"wrap is for CombatEnv, not for {type(env.unwrapped).__name__}")
     if action_repeat != 1:
-        raise UserError(f"action_repeat = {action_repeat}: a fight may end in between; raise sim.substeps instead")
+        raise UserError(
+            f"action_repeat = {action_repeat}: a fight may end in between; raise sim.substeps instead"
+        )
     if randomization_fn is not None:
         raise UserError("randomization_fn: the fights of one Combat share one model")
-    return FreshStarts(EpisodeWrapper(VmapWrapper(env), episode_length, action_repeat), mask_time_outs)
+    return FreshStarts(
+        EpisodeWrapper(VmapWrapper(env), episode_length, action_repeat), mask_time_outs
+    )
 
 
 def mend_brax() -> None:
     """Give jax back `device_put_replicated`, which brax 0.14.2's `train` functions call.
 
-    jax 0.9 warns of it and jax 0.10 has withdrawn it. Does nothing where it stands. The replacement is that of jax's migration guide.
+    jax 0.9 warns of it and jax 0.10 has withdrawn it. Does nothing where it stands. The replacement
+    is that of jax's migration guide.
     """
     if "device_put_replicated" in vars(jax):  # what is only deprecated does not stand there
         return
@@ -202,7 +241,9 @@ def mend_brax() -> None:
 
 
 def _typed(key: jax.Array) -> jax.Array:
-    """The same key or keys in the new style; brax carries the old one, and its `train` copies no other."""
+    """The same key or keys in the new style; brax carries the old one, and its `train` copies no
+    other.
+    """
     return key if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(key)
 
 

@@ -1,6 +1,8 @@
-"""alpha-Rank (Omidshafiei et al. 2019) of the two populations: how long evolution stays with each entrant.
+"""alpha-Rank (Omidshafiei et al. 2019) of the two populations: how long evolution stays with each
+entrant.
 
-The chain lives on the joint profiles (defender, attacker). Its transition matrix, (D A)^2 numbers, is never formed.
+The chain lives on the joint profiles (defender, attacker). Its transition matrix, (D A)^2 numbers,
+is never formed.
 """
 
 from collections.abc import Callable
@@ -17,16 +19,20 @@ class AlphaRank(NamedTuple):
     profile: NDArray[np.float64]  # [D, A] adds up to 1
     defender: NDArray[np.float64]  # [D] its marginal
     attacker: NDArray[np.float64]  # [A]
-    residual: float  # certificate: total change of the distribution in one step of the chain; 0 at the exact one
+    # certificate: total change of the distribution in one step of the chain; 0 at the exact one
+    residual: float
 
 
-def alpha_rank(scores: NDArray, alpha: float = 10.0, population: int = 50, tolerance: float = 1e-12) -> AlphaRank:
+def alpha_rank(
+    scores: NDArray, alpha: float = 10.0, population: int = 50, tolerance: float = 1e-12
+) -> AlphaRank:
     """Rank by M = `scores` [D, A], the defender's mean scores; the attacker's are 1 - M.
 
-    One side at a time a mutant of another strategy appears, each equally likely, and takes over its `population` with
-    the fixation probability (1 - e^-u) / (1 - e^-(population u)), u = `alpha` x gain. Power steps follow a Krylov
-    start until the residual is below `tolerance`, 2000 at most: the larger `alpha`, the slower the chain mixes, so
-    look at the residual. Raises ValueError for NaN.
+    One side at a time a mutant of another strategy appears, each equally likely, and takes over its
+    `population` with the fixation probability (1 - e^-u) / (1 - e^-(population u)), u = `alpha` x
+    gain. Power steps follow a Krylov start until the residual is below `tolerance`, 2000 at most:
+    the larger `alpha`, the slower the chain mixes, so look at the residual. Raises ValueError for
+    NaN.
     """
     scores = np.asarray(scores, float)
     if not scores.size or np.isnan(scores).any():
@@ -34,8 +40,10 @@ def alpha_rank(scores: NDArray, alpha: float = 10.0, population: int = 50, toler
     size = scores.shape
     moves = max(sum(size) - 2, 1)  # the mutants that may appear
     gain_defender = scores[None, :, :] - scores[:, None, :]  # [from, to, A]
-    gain_attacker = scores[:, :, None] - scores[:, None, :]  # [D, from, to]: what the defender loses
-    defender_moves = np.moveaxis(_fixation(gain_defender, alpha, population), 2, 0) / moves  # [A, from, to]
+    # [D, from, to]: what the defender loses
+    gain_attacker = scores[:, :, None] - scores[:, None, :]
+    # [A, from, to]
+    defender_moves = np.moveaxis(_fixation(gain_defender, alpha, population), 2, 0) / moves
     attacker_moves = _fixation(gain_attacker, alpha, population) / moves
     for block in (defender_moves, attacker_moves):
         block[:, np.arange(block.shape[1]), np.arange(block.shape[1])] = 0.0
@@ -77,7 +85,9 @@ class _Chain(LinearOperator):
 
 
 def _krylov(step: Callable[[NDArray], NDArray], size: int) -> NDArray[np.float64]:
-    """An approximate fixed point of `step` on [size], or the uniform distribution where Arnoldi's method finds none."""
+    """An approximate fixed point of `step` on [size], or the uniform distribution where Arnoldi's
+    method finds none.
+    """
     uniform = np.full(size, 1.0 / size)
     if size < 4:
         return uniform

@@ -12,7 +12,8 @@ from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, FightRecord
 class Endings(NamedTuple):
     """How one side's entrants' fights end; N is D or A."""
 
-    share: NDArray[np.float64]  # [N, C] of the played fights, by `Cause`; NaN for an entrant that played none
+    # [N, C] of the played fights, by `Cause`; NaN for an entrant that played none
+    share: NDArray[np.float64]
     fights: NDArray[np.integer]  # [N]
     time: NDArray[np.float64]  # [N, C] mean time to that end, s; NaN where it did not happen
     duration: NDArray[np.float64]  # [N, 3] quartiles of the duration of all fights, s
@@ -28,7 +29,8 @@ class Flight(NamedTuple):
     ]  # [E] rad, of the velocities at the end: 0 a tail chase, pi head on; NaN at rest
     altitude: NDArray[np.float64]  # [E, A] m, mean
     lowest: NDArray[np.float64]  # [E, A] m
-    path_ratio: NDArray[np.float64]  # [E, A] length flown over distance between its ends; NaN at rest
+    # [E, A] length flown over distance between its ends; NaN at rest
+    path_ratio: NDArray[np.float64]
     control_effort: NDArray[np.float64]  # [E, A] mean over steps of |u|^2, u in [-1, 1]^4
 
 
@@ -40,20 +42,32 @@ def endings(result: TournamentResult, role: int) -> Endings:
     counts = lead(result.counts).sum(axis=1)
     fights = played.sum(axis=1) * result.cause.shape[2]
     index = np.arange(size)[:, None] * len(Cause) + cause.reshape(size, -1)
-    total = np.bincount(index.reshape(-1), seconds.reshape(-1), minlength=size * len(Cause)).reshape(size, len(Cause))
+    total = np.bincount(
+        index.reshape(-1), seconds.reshape(-1), minlength=size * len(Cause)
+    ).reshape(size, len(Cause))
     quartiles = np.full((size, 3), np.nan)
     for one in np.flatnonzero(fights):
-        quartiles[one] = np.quantile((steps[one] * result.control_dt)[played[one]], [0.25, 0.5, 0.75])
+        quartiles[one] = np.quantile(
+            (steps[one] * result.control_dt)[played[one]], [0.25, 0.5, 0.75]
+        )
     with np.errstate(invalid="ignore"):  # 0 / 0 is the NaN that is promised
-        return Endings(counts / fights[:, None], fights, np.where(counts > 0, total, np.nan) / counts, quartiles)
+        return Endings(
+            counts / fights[:, None],
+            fights,
+            np.where(counts > 0, total, np.nan) / counts,
+            quartiles,
+        )
 
 
 def flight(record: FightRecord, control_dt: float) -> Flight:
-    """Describe recorded fights; `control_dt` in s. After a fight's end its last state repeats, which moves no mean."""
+    """Describe recorded fights; `control_dt` in s. After a fight's end its last state repeats,
+    which moves no mean.
+    """
     steps = np.asarray(record.result.steps)
     fights = np.arange(len(steps))
     position, velocity = _drones(record.qpos, 7), _drones(record.qvel, 6)
-    position = np.concatenate([_drones(np.asarray(record.start.qpos)[None], 7), position])  # [T + 1, E, A, 3]
+    # [T + 1, E, A, 3]
+    position = np.concatenate([_drones(np.asarray(record.start.qpos)[None], 7), position])
     last_position, last_velocity = position[steps, fights], velocity[steps - 1, fights]
     line = last_position[:, ATTACKER] - last_position[:, DEFENDER]
     drift = last_velocity[:, ATTACKER] - last_velocity[:, DEFENDER]

@@ -1,10 +1,13 @@
-"""Order-free ratings: Bradley-Terry, and Davidson's model for draws, by Newton with standard errors.
+"""Order-free ratings: Bradley-Terry, and Davidson's model for draws, by Newton with standard
+errors.
 
-x = (defender's strength - attacker's strength). Bradley-Terry: P(win) = 1 / (1 + e^-x), a draw is half a win and half
-a loss. Davidson (1970): win, draw and loss are as e^(x/2) : nu : e^(-x/2). Players: defenders first, P = D + A.
+x = (defender's strength - attacker's strength). Bradley-Terry: P(win) = 1 / (1 + e^-x), a draw is
+half a win and half a loss. Davidson (1970): win, draw and loss are as e^(x/2) : nu : e^(-x/2).
+Players: defenders first, P = D + A.
 
-Prior, so that an unbeaten player is finite: every strength is normal about the mean of its component with a standard
-deviation of PRIOR_SD points (so is log nu about 0). With 500 fights a player it moves a rating by a thousandth.
+Prior, so that an unbeaten player is finite: every strength is normal about the mean of its
+component with a standard deviation of PRIOR_SD points (so is log nu about 0). With 500 fights a
+player it moves a rating by a thousandth.
 """
 
 from collections.abc import Callable
@@ -26,7 +29,10 @@ NORMAL_95 = 1.959963984540054
 
 
 class Ratings(NamedTuple):
-    """Ratings in Elo points. Gauge: the mean over each component's players, of both sides, is 1500."""
+    """Ratings in Elo points.
+
+    Gauge: the mean over each component's players, of both sides, is 1500.
+    """
 
     rating: NDArray[np.float64]  # [P] defenders, then attackers
     error: NDArray[np.float64]  # [P] standard error in this gauge; inf for a player without fights
@@ -36,28 +42,40 @@ class Ratings(NamedTuple):
     design: Design  # flags by player: component, bound, games
     draw: float  # nu of Davidson's model; 0 where draws are halves
     log_likelihood: float  # of the data, the prior not included
-    dispersion: float  # Pearson chi^2 per degree of freedom: well above 1, the fights are not additive; NaN without any
+    # Pearson chi^2 per degree of freedom: well above 1, the fights are not additive; NaN without
+    # any
+    dispersion: float
 
 
-def bradley_terry(wins: NDArray, losses: NDArray, draws: NDArray, prior_sd: float | None = PRIOR_SD) -> Ratings:
-    """Rate D defenders and A attackers by fights counted in three [D, A] from the defender's side; 0 where not played.
+def bradley_terry(
+    wins: NDArray, losses: NDArray, draws: NDArray, prior_sd: float | None = PRIOR_SD
+) -> Ratings:
+    """Rate D defenders and A attackers by fights counted in three [D, A] from the defender's side;
+    0 where not played.
 
-    `prior_sd` in points; None: plain maximum likelihood, which raises ValueError where that is not finite.
+    `prior_sd` in points; None: plain maximum likelihood, which raises ValueError where that is not
+    finite.
     """
     design = design_of(wins, losses, draws)
     won, lost = wins + draws / 2, losses + draws / 2
     precision = prior_precision(design, prior_sd)
-    theta, covariance, value = fit(lambda x, log_nu: bernoulli_cells(won, lost, x), precision, wins.shape)
+    theta, covariance, value = fit(
+        lambda x, log_nu: bernoulli_cells(won, lost, x), precision, wins.shape
+    )
     ratings = describe(theta, covariance, design, log_expit, won, lost)
     x = differences(theta, wins.shape)
     return ratings._replace(log_likelihood=value, dispersion=_dispersion(won, lost, x, design))
 
 
-def davidson(wins: NDArray, losses: NDArray, draws: NDArray, prior_sd: float | None = PRIOR_SD) -> Ratings:
+def davidson(
+    wins: NDArray, losses: NDArray, draws: NDArray, prior_sd: float | None = PRIOR_SD
+) -> Ratings:
     """As `bradley_terry`, with draws as outcomes of their own (Davidson 1970)."""
     design = design_of(wins, losses, draws)
     if prior_sd is None and (not draws.any() or not (wins.any() or losses.any())):
-        raise ValueError("without draws, or with nothing else, nu has no finite maximum: give a prior")
+        raise ValueError(
+            "without draws, or with nothing else, nu has no finite maximum: give a prior"
+        )
     prior = prior_precision(design, prior_sd)
     precision = np.zeros((len(prior) + 1,) * 2)
     precision[:-1, :-1] = prior
@@ -66,25 +84,39 @@ def davidson(wins: NDArray, losses: NDArray, draws: NDArray, prior_sd: float | N
     theta, covariance, value = fit(cells, precision, wins.shape, with_draws=True)
     log_nu = theta[-1]
     log_win = lambda x: x / 2 - np.logaddexp(np.logaddexp(x / 2, -x / 2), log_nu)
-    ratings = describe(theta[:-1], covariance[:-1, :-1], design, log_win, wins + draws / 2, losses + draws / 2)
+    ratings = describe(
+        theta[:-1], covariance[:-1, :-1], design, log_win, wins + draws / 2, losses + draws / 2
+    )
     return ratings._replace(log_likelihood=value, draw=float(np.exp(log_nu)))
 
 
 def prior_precision(design: Design, prior_sd: float | None) -> NDArray[np.float64]:
-    """Inverse covariance [P, P] of the strengths; raises ValueError for none where the maximum is not finite."""
+    """Inverse covariance [P, P] of the strengths; raises ValueError for none where the maximum is
+    not finite.
+    """
     total = len(design.bound)
     if prior_sd is not None:
         return np.eye(total) * (POINTS / prior_sd) ** 2
     if np.any(design.bound != BOUNDED):
-        raise ValueError(f"{np.sum(design.bound != BOUNDED)} of {total} players have no finite maximum: give a prior")
+        raise ValueError(
+            f"{np.sum(design.bound != BOUNDED)} of {total} players have no finite maximum: give a prior"
+        )
     same = design.component[:, None] == design.component[None, :]
-    return same / same.sum(axis=1)  # holds each component's mean at 0, where the likelihood leaves it free
+    # holds each component's mean at 0, where the likelihood leaves it free
+    return same / same.sum(axis=1)
 
 
 def describe(
-    theta: NDArray, covariance: NDArray, design: Design, log_win: Callable, won: NDArray, lost: NDArray
+    theta: NDArray,
+    covariance: NDArray,
+    design: Design,
+    log_win: Callable,
+    won: NDArray,
+    lost: NDArray,
 ) -> Ratings:
-    """Strengths [P] and their covariance as points in the gauge, with intervals; `log_win(x)` is the model's."""
+    """Strengths [P] and their covariance as points in the gauge, with intervals; `log_win(x)` is
+    the model's.
+    """
     same = design.component[:, None] == design.component[None, :]
     centre = np.eye(len(theta)) - same / same.sum(axis=1)
     theta, covariance = centre @ theta, centre @ covariance @ centre.T * POINTS**2
@@ -101,7 +133,9 @@ def describe(
             low[player] = _closed_end(opponents, good, log_win) if not bad.any() else low[player]
         elif design.bound[player] == OPEN_BELOW:
             low[player] = -np.inf
-            high[player] = _closed_end(-opponents, bad, log_win, -1) if not good.any() else high[player]
+            high[player] = (
+                _closed_end(-opponents, bad, log_win, -1) if not good.any() else high[player]
+            )
         else:
             low[player], high[player] = -np.inf, np.inf
     error[design.games == 0] = np.inf
@@ -109,7 +143,9 @@ def describe(
 
 
 def contrast(ratings: Ratings, one: int, other: int) -> tuple[float, float]:
-    """Rating of player `one` minus that of `other` and its standard error, points; NaN across components."""
+    """Rating of player `one` minus that of `other` and its standard error, points; NaN across
+    components.
+    """
     if ratings.design.component[one] != ratings.design.component[other]:
         return np.nan, np.nan
     sign = np.zeros(len(ratings.rating))
@@ -119,10 +155,14 @@ def contrast(ratings: Ratings, one: int, other: int) -> tuple[float, float]:
 
 
 def _closed_end(opponents: NDArray, games: NDArray, log_win: Callable, sign: int = 1) -> float:
-    """The rating, points, at which winning all `games` against `opponents` has the probability of one tail."""
+    """The rating, points, at which winning all `games` against `opponents` has the probability of
+    one tail.
+    """
     excess = lambda strength: float(games @ log_win(strength - opponents)) - np.log(TAIL)
     reach = 100.0 + np.abs(opponents).max()
-    return START + POINTS * sign * root_scalar(excess, bracket=(-reach, reach), method="brentq").root
+    return (
+        START + POINTS * sign * root_scalar(excess, bracket=(-reach, reach), method="brentq").root
+    )
 
 
 def _dispersion(won: NDArray, lost: NDArray, x: NDArray, design: Design) -> float:

@@ -1,6 +1,8 @@
-"""Does one method's final defender beat another's? Runs meet in ONE tournament, and each run gives one number.
+"""Does one method's final defender beat another's? Runs meet in ONE tournament, and each run gives
+one number.
 
-Ratings of two tournaments cannot be compared: with identical defenders, weaker attackers alone lift the final one.
+Ratings of two tournaments cannot be compared: with identical defenders, weaker attackers alone lift
+the final one.
 """
 
 from collections.abc import Sequence
@@ -38,14 +40,16 @@ class Comparison(NamedTuple):
     second: str
     seeds: tuple[int, int]  # runs that count
     fights: int  # fewest behind one seed's score
-    missing: tuple[str, ...]  # runs of the two methods left out because their final defender did not play
+    # runs of the two methods left out because their final defender did not play
+    missing: tuple[str, ...]
     adjusted_score: Welch  # of the adjusted scores (`panel`), which all numbers below are of, too
     plain_score: Welch  # of the mean scores away, for information: tilted (see `panel`)
     p_value: float  # primary: exact permutation test of the adjusted scores
     adjusted_p: float  # Holm's, over all pairs of methods compared at once
     exact: bool
     effect: float  # Cohen's d with the pooled standard deviation
-    new_attackers: tuple[float, float]  # 95 % interval of the score's difference for other runs on both sides
+    # 95 % interval of the score's difference for other runs on both sides
+    new_attackers: tuple[float, float]
     elo: Welch  # the same in points: the score's logit
     equivalence_p: float  # that |difference| < MARGIN, by two one-sided tests
     adjusted_equivalence_p: float  # Holm's
@@ -53,9 +57,13 @@ class Comparison(NamedTuple):
 
 
 def compare_methods(
-    result: TournamentResult, methods: Sequence[str] | None = None, seed: int = 0, every: int = EVERY
+    result: TournamentResult,
+    methods: Sequence[str] | None = None,
+    seed: int = 0,
+    every: int = EVERY,
 ) -> list[Comparison]:
-    """Compare every pair of `methods` (default: all that trained a defender, by name) on the common `away_panel`.
+    """Compare every pair of `methods` (default: all that trained a defender, by name) on the common
+    `away_panel`.
 
     Holm's correction goes over all pairs, for the differences and for the equivalences.
     """
@@ -89,7 +97,9 @@ def welch(first: NDArray, second: NDArray, level: float = LEVEL) -> Welch:
 
 
 def equivalence(first: NDArray, second: NDArray, margin: float = MARGIN) -> float:
-    """p-value that the means differ by less than `margin`: the larger of two one-sided Welch tests (TOST)."""
+    """p-value that the means differ by less than `margin`: the larger of two one-sided Welch tests
+    (TOST).
+    """
     at = welch(first, second)
     if np.isnan(at.error):
         return float("nan")
@@ -99,11 +109,14 @@ def equivalence(first: NDArray, second: NDArray, margin: float = MARGIN) -> floa
     return float(student.sf(room / at.error, at.freedom))
 
 
-def pigeonhole_interval(panel: Panel, first: str, second: str, draws: int = 2000, seed: int = 0) -> tuple[float, float]:
+def pigeonhole_interval(
+    panel: Panel, first: str, second: str, draws: int = 2000, seed: int = 0
+) -> tuple[float, float]:
     """95 % interval of the difference of adjusted scores for new runs on both sides (Owen 2007).
 
-    Runs are drawn anew as defenders, within each method, and independently as attackers, within each method; scripted
-    pilots stay. The quantile is Student's with the seeds' freedom, and the variance is scaled by n / (n - 1).
+    Runs are drawn anew as defenders, within each method, and independently as attackers, within
+    each method; scripted pilots stay. The quantile is Student's with the seeds' freedom, and the
+    variance is scaled by n / (n - 1).
     """
     methods = np.asarray(panel.methods)
     rows = [np.flatnonzero(methods == name) for name in (first, second)]
@@ -113,9 +126,13 @@ def pigeonhole_interval(panel: Panel, first: str, second: str, draws: int = 2000
     rng = np.random.default_rng(seed)
     groups = np.asarray(panel.group_methods)
     weight = np.ones((draws, len(groups)))
-    for name in sorted({name for name, run in zip(panel.group_methods, panel.groups, strict=True) if run}):
+    for name in sorted(
+        {name for name, run in zip(panel.group_methods, panel.groups, strict=True) if run}
+    ):
         members = np.flatnonzero((groups == name) & np.asarray([bool(run) for run in panel.groups]))
-        weight[:, members] = rng.multinomial(len(members), np.full(len(members), 1 / len(members)), draws)
+        weight[:, members] = rng.multinomial(
+            len(members), np.full(len(members), 1 / len(members)), draws
+        )
     share = weight * panel.weights
     drawn = share @ panel.filled.T / share.sum(axis=1, keepdims=True)  # [draws, R]
     means = []
@@ -150,7 +167,9 @@ def _compare(panel: Panel, first: str, second: str, seed: int) -> Comparison:
     elo = [elo_of_score(panel.adjusted[mask], panel.fights[mask]) for mask in chosen]
     test = permutation_test(scores[0], scores[1], seed=seed)
     freedom = sum(map(len, scores)) - 2
-    pooled = np.sqrt(sum(np.sum((sample - sample.mean()) ** 2) for sample in scores) / max(freedom, 1))
+    pooled = np.sqrt(
+        sum(np.sum((sample - sample.mean()) ** 2) for sample in scores) / max(freedom, 1)
+    )
     return Comparison(
         first=first,
         second=second,

@@ -1,9 +1,11 @@
-"""How much of a tournament is not a matter of strength: the part of the score logits that no rating explains.
+"""How much of a tournament is not a matter of strength: the part of the score logits that no rating
+explains.
 
-The logits L [D, A] are split into their mean, a part for each defender and each attacker (additive: strength), and
-the rest E (doubly centred: who suits whom). E alone is never zero with finitely many fights: at additive truth its raw
-share is about 0.52, 0.20 and 0.055 for 5, 20 and 100 fights a cell (strengths of sd 0.75 in log-odds; more where they
-lie closer), so it is corrected by a parametric bootstrap.
+The logits L [D, A] are split into their mean, a part for each defender and each attacker (additive:
+strength), and the rest E (doubly centred: who suits whom). E alone is never zero with finitely many
+fights: at additive truth its raw share is about 0.52, 0.20 and 0.055 for 5, 20 and 100 fights a
+cell (strengths of sd 0.75 in log-odds; more where they lie closer), so it is corrected by a
+parametric bootstrap.
 """
 
 from typing import NamedTuple
@@ -20,35 +22,46 @@ class CyclicShare(NamedTuple):
     """The cyclic part of a tournament's logits."""
 
     raw: float  # |E|^2 / |L - mean|^2, in [0, 1]; NaN where all logits are equal
-    corrected: float  # the same with the noise of finitely many fights taken off both parts; 0 where nothing is left
+    # the same with the noise of finitely many fights taken off both parts; 0 where nothing is left
+    corrected: float
     null_mean: float  # mean raw share at additive truth
     null_high: float  # its 95 % quantile
-    p_value: float  # of "additive": (1 + bootstrap draws with as large a Pearson chi^2) / (1 + draws)
-    defender_disc: NDArray[np.float64]  # [D, 2] coordinates: E is about defender_disc @ attacker_disc.T
+    # of "additive": (1 + bootstrap draws with as large a Pearson chi^2) / (1 + draws)
+    p_value: float
+    # [D, 2] coordinates: E is about defender_disc @ attacker_disc.T
+    defender_disc: NDArray[np.float64]
     attacker_disc: NDArray[np.float64]  # [A, 2]
     disc_share: float  # of |E|^2 that these two dimensions hold
     draws: int  # of the bootstrap
 
 
 def score_logits(won: NDArray, lost: NDArray) -> NDArray[np.float64]:
-    """Empirical logits [...] of won and lost fights, draws half in each: log((won + 1/2) / (lost + 1/2)), finite."""
+    """Empirical logits [...] of won and lost fights, draws half in each: log((won + 1/2) / (lost +
+    1/2)), finite.
+    """
     return np.log((won + 0.5) / (lost + 0.5))
 
 
 def split_logits(logits: NDArray) -> tuple[NDArray, NDArray]:
-    """The additive part without its mean and the cyclic part E of `logits` [..., D, A]; they are orthogonal."""
+    """The additive part without its mean and the cyclic part E of `logits` [..., D, A]; they are
+    orthogonal.
+    """
     centred = logits - logits.mean(axis=(-2, -1), keepdims=True)
     additive = centred.mean(axis=-1, keepdims=True) + centred.mean(axis=-2, keepdims=True)
     return np.broadcast_to(additive, logits.shape), centred - additive
 
 
-def cyclic_share(wins: NDArray, losses: NDArray, draws: NDArray, bootstrap: int = 400, seed: int = 0) -> CyclicShare:
-    """The cyclic share of fights [D, A] counted from the defender's side; every cell must have been played.
+def cyclic_share(
+    wins: NDArray, losses: NDArray, draws: NDArray, bootstrap: int = 400, seed: int = 0
+) -> CyclicShare:
+    """The cyclic share of fights [D, A] counted from the defender's side; every cell must have been
+    played.
 
-    The bootstrap's truth has the Bradley-Terry fit's mean score in every cell and the cell's own share of draws, as
-    far as that score allows it; so the test does not lean on a model of draws. It counts each cell by what it knows
-    (chi^2), where |E|^2 would let the noise of lopsided cells drown the rest; with draws in lopsided cells it errs on
-    the safe side (3 % instead of 5 %). Raises ValueError for an empty cell (see `design.complete_part`).
+    The bootstrap's truth has the Bradley-Terry fit's mean score in every cell and the cell's own
+    share of draws, as far as that score allows it; so the test does not lean on a model of draws.
+    It counts each cell by what it knows (chi^2), where |E|^2 would let the noise of lopsided cells
+    drown the rest; with draws in lopsided cells it errs on the safe side (3 % instead of 5 %).
+    Raises ValueError for an empty cell (see `design.complete_part`).
     """
     games = wins + losses + draws
     if not games.size or np.any(games == 0):
@@ -82,7 +95,9 @@ class _Null(NamedTuple):
     observed_misfit: float
 
 
-def _bootstrap(wins: NDArray, losses: NDArray, draws: NDArray, num: int, rng: np.random.Generator) -> _Null:
+def _bootstrap(
+    wins: NDArray, losses: NDArray, draws: NDArray, num: int, rng: np.random.Generator
+) -> _Null:
     games = (wins + losses + draws).astype(int)
     fitted = bradley_terry(wins, losses, draws)
     x = differences(fitted.rating / POINTS, games.shape)
@@ -102,7 +117,9 @@ def _bootstrap(wins: NDArray, losses: NDArray, draws: NDArray, num: int, rng: np
 
 
 def _misfit(excess: NDArray, variance: NDArray, covariance: NDArray) -> float:
-    """Pearson's chi^2 of what was won in `excess` [D, A], less what one Newton step of the strengths would explain."""
+    """Pearson's chi^2 of what was won in `excess` [D, A], less what one Newton step of the
+    strengths would explain.
+    """
     slope = np.concatenate([excess.sum(axis=1), -excess.sum(axis=0)])
     return float(np.sum(excess**2 / variance) - slope @ covariance @ slope)
 

@@ -21,17 +21,20 @@ OPEN_BOTH = 2
 class Design(NamedTuple):
     """What the fights can tell about each of P players."""
 
-    component: NDArray[np.integer]  # [P] players of different numbers never met, even through others: not comparable
+    # [P] players of different numbers never met, even through others: not comparable
+    component: NDArray[np.integer]
     bound: NDArray[np.integer]  # [P] BOUNDED, OPEN_ABOVE, OPEN_BELOW or OPEN_BOTH
     games: NDArray[np.float64]  # [P]
 
 
 def design_of(wins: NDArray, losses: NDArray, draws: NDArray | None = None) -> Design:
-    """Examine the fights of D defenders with A attackers, counted from the defender's side in three [D, A].
+    """Examine the fights of D defenders with A attackers, counted from the defender's side in three
+    [D, A].
 
-    A finite maximum of the likelihood exists if and only if from every player one gets to every other by a chain of
-    "did not always lose to" (Ford 1957). Otherwise the largest group within which that holds is the reference, and
-    the players above and below it are bounded on one side only; without one largest group no player is a reference.
+    A finite maximum of the likelihood exists if and only if from every player one gets to every
+    other by a chain of "did not always lose to" (Ford 1957). Otherwise the largest group within
+    which that holds is the reference, and the players above and below it are bounded on one side
+    only; without one largest group no player is a reference.
     """
     draws = np.zeros_like(wins) if draws is None else draws
     num_defenders, num_attackers = wins.shape
@@ -50,17 +53,35 @@ def design_of(wins: NDArray, losses: NDArray, draws: NDArray | None = None) -> D
         elif len(np.unique(group[members])) > 1:
             bound[members] = _bounds(graph, beats, members, group[members])
     games = wins + losses + draws
-    return Design(component, bound, np.concatenate([games.sum(axis=1), games.sum(axis=0)]).astype(float))
+    return Design(
+        component, bound, np.concatenate([games.sum(axis=1), games.sum(axis=0)]).astype(float)
+    )
 
 
-def _bounds(graph: csr_array, beats: NDArray, members: NDArray, group: NDArray) -> NDArray[np.integer]:
+def _bounds(
+    graph: csr_array, beats: NDArray, members: NDArray, group: NDArray
+) -> NDArray[np.integer]:
     names, sizes = np.unique(group, return_counts=True)
     largest = names[sizes == sizes.max()]
-    if len(largest) > 1:  # no reference: each is bounded only by the groups that it leads to or comes from
-        leads = np.asarray([beats[one, members[group != own]].any() for one, own in zip(members, group, strict=True)])
-        follows = np.asarray([beats[members[group != own], one].any() for one, own in zip(members, group, strict=True)])
+    if len(largest) > 1:
+        # no reference: each is bounded only by the groups that it leads to or comes from
+        leads = np.asarray(
+            [
+                beats[one, members[group != own]].any()
+                for one, own in zip(members, group, strict=True)
+            ]
+        )
+        follows = np.asarray(
+            [
+                beats[members[group != own], one].any()
+                for one, own in zip(members, group, strict=True)
+            ]
+        )
         for name in names:
-            leads[group == name], follows[group == name] = leads[group == name].any(), follows[group == name].any()
+            leads[group == name], follows[group == name] = (
+                leads[group == name].any(),
+                follows[group == name].any(),
+            )
     else:
         inside = members[group == largest[0]]
         leads = np.isin(members, breadth_first_order(graph.T, inside[0], return_predecessors=False))
@@ -75,10 +96,11 @@ def _bounds(graph: csr_array, beats: NDArray, members: NDArray, group: NDArray) 
 
 
 def complete_part(result: TournamentResult) -> TournamentResult:
-    """The part of a tournament in which every cell was played, for the statistics that need a whole matrix.
+    """The part of a tournament in which every cell was played, for the statistics that need a whole
+    matrix.
 
-    Nothing is made up: the entrant that lacks the largest share of its cells is left out, one by one; of equals an
-    attacker first, then the first by identity. What is left may be empty.
+    Nothing is made up: the entrant that lacks the largest share of its cells is left out, one by
+    one; of equals an attacker first, then the first by identity. What is left may be empty.
     """
     sides = [result.defenders, result.attackers]
     kept = [np.arange(len(entrants)) for entrants in sides]

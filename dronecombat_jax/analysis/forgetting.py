@@ -1,7 +1,9 @@
-"""Does the final policy still beat the opponents of its past? Each run's matches against its own and others' past.
+"""Does the final policy still beat the opponents of its past? Each run's matches against its own
+and others' past.
 
-W [T, T] is a learner's mean score by time of saving (rows) against opponents by time of saving (columns), NaN where
-not played; a cell that is NaN is left out and never filled. For attackers as the learner, hand in 1 - W.T.
+W [T, T] is a learner's mean score by time of saving (rows) against opponents by time of saving
+(columns), NaN where not played; a cell that is NaN is left out and never filled. For attackers as
+the learner, hand in 1 - W.T.
 """
 
 from collections.abc import Sequence
@@ -35,11 +37,14 @@ class MapSummary(NamedTuple):
 class Forgetting(NamedTuple):
     """How one learner fares against its opponents' past. Scores: 1 a win, 1/2 a draw."""
 
-    lag: NDArray[np.integer]  # [2 T - 1] learner's time minus opponent's: above 0 is the past, below 0 the future
+    # [2 T - 1] learner's time minus opponent's: above 0 is the past, below 0 the future
+    lag: NDArray[np.integer]
     profile: NDArray[np.float64]  # [2 T - 1] mean score over all pairs of that lag; NaN without any
     pairs: NDArray[np.integer]  # [2 T - 1] how many pairs
-    backward_transfer: float  # mean over i < T of W[T, i] - W[i, i]: below 0, the final policy lost what it could
-    worst_past: NDArray[np.float64]  # [T] min over i <= t of W[t, i]; the noise of few fights pulls it down
+    # mean over i < T of W[T, i] - W[i, i]: below 0, the final policy lost what it could
+    backward_transfer: float
+    # [T] min over i <= t of W[t, i]; the noise of few fights pulls it down
+    worst_past: NDArray[np.float64]
     final_worst: float  # its last entry
 
 
@@ -62,11 +67,15 @@ def run_maps(result: TournamentResult, rate: NDArray | None = None) -> tuple[Run
     rate = score_rate(result) if rate is None else rate
     defenders, attackers = by_training(result.defenders), by_training(result.attackers)
     runs = [run for run in defenders if run in attackers]
-    chunks = np.unique([one.chunk for side in (defenders, attackers) for run in runs for _, one in side[run]])
+    chunks = np.unique(
+        [one.chunk for side in (defenders, attackers) for run in runs for _, one in side[run]]
+    )
     maps = []
     for run in runs:
         score = np.full((len(chunks), len(chunks)), np.nan)
-        indices, places = zip(*(_places(side[run], chunks) for side in (defenders, attackers)), strict=True)
+        indices, places = zip(
+            *(_places(side[run], chunks) for side in (defenders, attackers)), strict=True
+        )
         score[np.ix_(*places)] = rate[np.ix_(*indices)]
         entrant = defenders[run][0][1]
         maps.append(RunMap(run, entrant.method, entrant.seed, chunks, score))
@@ -78,7 +87,9 @@ def summarise_maps(maps: Sequence[RunMap]) -> MapSummary:
     stack = np.stack([one.score for one in maps])
     played = ~np.isnan(stack)
     runs = played.sum(axis=0)
-    mean = np.where(runs > 0, np.where(played, stack, 0.0).sum(axis=0) / np.maximum(runs, 1), np.nan)
+    mean = np.where(
+        runs > 0, np.where(played, stack, 0.0).sum(axis=0) / np.maximum(runs, 1), np.nan
+    )
     squares = np.where(played, (stack - mean) ** 2, 0.0).sum(axis=0)
     return MapSummary(mean, np.where(runs > 1, squares / np.maximum(runs - 1, 1), np.nan), runs)
 
@@ -106,9 +117,11 @@ def forgetting(score: NDArray) -> Forgetting:
 
 
 def home_and_away(result: TournamentResult, run: str) -> tuple[float, float]:
-    """Mean score of a run's last defender at home, against the own attackers, and away, against other runs'.
+    """Mean score of a run's last defender at home, against the own attackers, and away, against
+    other runs'.
 
-    `run` is a lineage. Each opposing run weighs the same; scripted pilots are neither. NaN where nobody was met.
+    `run` is a lineage. Each opposing run weighs the same; scripted pilots are neither. NaN where
+    nobody was met.
     """
     rate = score_rate(result)[by_training(result.defenders)[run][-1][0]]
     home, away = [], []
@@ -143,7 +156,9 @@ def at_home(result: TournamentResult, panel: Panel) -> dict[str, AtHome]:
     return fates
 
 
-def _places(saved: Sequence[tuple[int, Entrant]], chunks: NDArray) -> tuple[list[int], NDArray[np.integer]]:
+def _places(
+    saved: Sequence[tuple[int, Entrant]], chunks: NDArray
+) -> tuple[list[int], NDArray[np.integer]]:
     """The indices of a run's players and their places on the grid of `chunks`."""
     return [index for index, _ in saved], np.searchsorted(chunks, [one.chunk for _, one in saved])
 

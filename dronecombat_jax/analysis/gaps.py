@@ -11,7 +11,9 @@ from dronecombat_jax.analysis.random_walk import Curve, timelines
 from dronecombat_jax.analysis.result import TournamentResult, showings
 
 
-def missing(result: TournamentResult, ratings: Ratings, smooth: Curve | None, whole: TournamentResult) -> list[str]:
+def missing(
+    result: TournamentResult, ratings: Ratings, smooth: Curve | None, whole: TournamentResult
+) -> list[str]:
     """What the tournament lacks, one sentence each."""
     told = []
     cells, absent = result.played.size, int(np.sum(~result.played))
@@ -35,11 +37,15 @@ def missing(result: TournamentResult, ratings: Ratings, smooth: Curve | None, wh
             "fights): the stated prior keeps them finite, their interval has no end there."
         )
     if (parts := len(np.unique(ratings.design.component))) > 1:
-        told.append(f"The entrants fall into {parts} groups that never met: ratings of two groups cannot be compared.")
+        told.append(
+            f"The entrants fall into {parts} groups that never met: ratings of two groups cannot be compared."
+        )
     if smooth is None:
         told.append("Too many entrants for the smoothed curve.")
     elif smooth.at_limit and any(len(chain.players) > 1 for chain in timelines(result)):
-        told.append("The smoothed curve's step found no optimum: it is all but constant, or not smoothed at all.")
+        told.append(
+            "The smoothed curve's step found no optimum: it is all but constant, or not smoothed at all."
+        )
     return told
 
 
@@ -49,19 +55,25 @@ def seeds_of(result: TournamentResult) -> dict[str, int]:
     for side, played in zip((result.defenders, result.attackers), _played(result), strict=True):
         for index, one in showings(side):
             if one.lineage:
-                lineages.setdefault(one.method, set()).update({one.lineage} if played[index] else ())
+                lineages.setdefault(one.method, set()).update(
+                    {one.lineage} if played[index] else ()
+                )
     return {method: len(members) for method, members in lineages.items()}
 
 
 def _missing_seeds(result: TournamentResult) -> list[str]:
-    """Seeds without a fight, fewer seeds of one method than of another, seeds that are there in one role only."""
+    """Seeds without a fight, fewer seeds of one method than of another, seeds that are there in one
+    role only.
+    """
     listed: dict[str, set[str]] = {}
     fought: list[set[str]] = []
     for side, played in zip((result.defenders, result.attackers), _played(result), strict=True):
         for _, one in showings(side):
             if one.lineage:
                 listed.setdefault(one.method, set()).add(one.lineage)
-        fought.append({one.lineage for index, one in showings(side) if played[index] and one.lineage})
+        fought.append(
+            {one.lineage for index, one in showings(side) if played[index] and one.lineage}
+        )
     there = fought[0] | fought[1]
     told = [
         f"{method}: only {len(seeds & there)} of {len(seeds)} training seeds fought; missing {_listed(sorted(seeds - there))}."
@@ -70,10 +82,19 @@ def _missing_seeds(result: TournamentResult) -> list[str]:
     ]
     counts = {method: len(seeds & there) for method, seeds in listed.items()}
     if len(set(counts.values())) > 1:
-        told.append("Unequal numbers of training seeds: " + ", ".join(f"{one} {n}" for one, n in counts.items()) + ".")
-    for role, lacking in (("attackers", fought[0] - fought[1]), ("defenders", fought[1] - fought[0])):
+        told.append(
+            "Unequal numbers of training seeds: "
+            + ", ".join(f"{one} {n}" for one, n in counts.items())
+            + "."
+        )
+    for role, lacking in (
+        ("attackers", fought[0] - fought[1]),
+        ("defenders", fought[1] - fought[0]),
+    ):
         if lacking:
-            told.append(f"{_listed(sorted(lacking))}: no {role} fought, so no map of the run by itself.")
+            told.append(
+                f"{_listed(sorted(lacking))}: no {role} fought, so no map of the run by itself."
+            )
     return told
 
 

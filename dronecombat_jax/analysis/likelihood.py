@@ -1,6 +1,7 @@
 """Log-likelihoods of Bradley-Terry and Davidson by cell, and Newton's method for their strengths.
 
-x = (defender's strength - attacker's strength), in units of the log-odds. Players: defenders first, P = D + A.
+x = (defender's strength - attacker's strength), in units of the log-odds. Players: defenders first,
+P = D + A.
 """
 
 from collections.abc import Callable
@@ -31,8 +32,12 @@ def bernoulli_cells(won: NDArray, lost: NDArray, x: NDArray) -> Cells:
     return Cells(value, won - games * rate, games * rate * expit(-x), nothing, nothing, nothing)
 
 
-def davidson_cells(wins: NDArray, losses: NDArray, draws: NDArray, x: NDArray, log_nu: float) -> Cells:
-    """Davidson's model at differences `x` [D, A]: an exponential family in (win - loss) / 2 and draw."""
+def davidson_cells(
+    wins: NDArray, losses: NDArray, draws: NDArray, x: NDArray, log_nu: float
+) -> Cells:
+    """Davidson's model at differences `x` [D, A]: an exponential family in (win - loss) / 2 and
+    draw.
+    """
     total = np.logaddexp(np.logaddexp(x / 2, -x / 2), log_nu)
     win, lose, draw = np.exp(x / 2 - total), np.exp(-x / 2 - total), np.exp(log_nu - total)
     games, lean = wins + losses + draws, (win - lose) / 2
@@ -52,10 +57,11 @@ def fit(
     size: tuple[int, int],
     with_draws: bool = False,
 ) -> tuple[NDArray, NDArray, float]:
-    """Maximise log-likelihood - theta' Q theta / 2 by Newton, Q = `precision`; the target is concave.
+    """Maximise log-likelihood - theta' Q theta / 2 by Newton, Q = `precision`; the target is
+    concave.
 
-    theta [P] or, `with_draws`, [P + 1] with log nu last. Returns theta, the inverse of minus the Hessian, and the
-    log-likelihood. Raises ArithmeticError if 200 steps do not reach the maximum.
+    theta [P] or, `with_draws`, [P + 1] with log nu last. Returns theta, the inverse of minus the
+    Hessian, and the log-likelihood. Raises ArithmeticError if 200 steps do not reach the maximum.
     """
     theta = np.zeros(len(precision))
     split = lambda theta: (theta[:-1], float(theta[-1])) if with_draws else (theta, 0.0)
@@ -75,12 +81,17 @@ def fit(
         while True:
             new = theta + length * step
             value, at = evaluate(new)
-            # Near the maximum the gain drowns in the value's rounding; Newton's whole step is right there.
-            if decrement < 1e-6 or value - new @ precision @ new / 2 >= objective + 0.1 * length * decrement:
+            # Near the maximum the gain drowns in the value's rounding; Newton's whole step is right
+            # there.
+            if (
+                decrement < 1e-6
+                or value - new @ precision @ new / 2 >= objective + 0.1 * length * decrement
+            ):
                 break
             length /= 2
         theta = new
-        if decrement < 1e-18 * max(1.0, abs(value)):  # squared error in standard errors, before this step
+        if decrement < 1e-18 * max(1.0, abs(value)):
+            # squared error in standard errors, before this step
             return theta, cho_solve(factor, np.eye(len(theta))), value
     raise ArithmeticError("the ratings' Newton iteration does not converge")
 

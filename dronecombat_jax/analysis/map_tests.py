@@ -1,4 +1,6 @@
-"""Where the win-rate maps of two methods differ: cell by cell, with one error probability for a whole map."""
+"""Where the win-rate maps of two methods differ: cell by cell, with one error probability for a
+whole map.
+"""
 
 from collections.abc import Mapping
 from itertools import combinations
@@ -15,19 +17,24 @@ DEFENDERS_SHOWN = 10  # of the paper's figures 6 to 9
 
 
 class MapTest(NamedTuple):
-    """The cells of two methods' maps, tested at once by relabelling the seeds; R defenders are shown, T attackers."""
+    """The cells of two methods' maps, tested at once by relabelling the seeds; R defenders are
+    shown, T attackers.
+    """
 
     first: str
     second: str
     seeds: tuple[int, int]
     defenders: NDArray[np.integer]  # [R] chunks
     attackers: NDArray[np.integer]  # [T] chunks
-    difference: NDArray[np.float64]  # [R, T] mean win rate of the first method minus that of the second
+    # [R, T] mean win rate of the first method minus that of the second
+    difference: NDArray[np.float64]
     adjusted_p: NDArray[np.float64]  # [R, T] max-T; NaN where some seed did not play the cell
 
 
 def map_tests(win_maps: Mapping[str, tuple[RunMap, ...]]) -> tuple[MapTest, ...]:
-    """Every pair of methods whose seeds have a cell in common; the defenders are those of the figure."""
+    """Every pair of methods whose seeds have a cell in common; the defenders are those of the
+    figure.
+    """
     tests = []
     for first, second in combinations([method for method, maps in win_maps.items() if maps], 2):
         stacks = [np.stack([one.score for one in win_maps[method]]) for method in (first, second)]

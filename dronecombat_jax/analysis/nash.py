@@ -1,7 +1,9 @@
-"""The tournament as a zero-sum game between a side that picks a defender and one that picks an attacker.
+"""The tournament as a zero-sum game between a side that picks a defender and one that picks an
+attacker.
 
-Unlike mean scores, value and averaging do not change when an entrant is entered ten times over. All functions need a
-whole matrix of the defender's mean scores M [D, A] (`design.complete_part`); they raise ValueError for NaN.
+Unlike mean scores, value and averaging do not change when an entrant is entered ten times over. All
+functions need a whole matrix of the defender's mean scores M [D, A] (`design.complete_part`); they
+raise ValueError for NaN.
 """
 
 from typing import NamedTuple
@@ -19,14 +21,18 @@ SLACK = 1e-5  # of score: how far from optimal a mixture may be to be the more m
 class MatrixGame(NamedTuple):
     """An equilibrium of one game."""
 
-    value: float  # max over x of min over j of (x' M)_j: the defender's mean score when both sides mix optimally
+    # max over x of min over j of (x' M)_j: the defender's mean score when both sides mix optimally
+    value: float
     defender_mix: NDArray[np.float64]  # [D] x
     attacker_mix: NDArray[np.float64]  # [A] y
     gap: float  # certificate: max_i (M y)_i - min_j (x' M)_j, 0 at an equilibrium
 
 
 class NashAverage(NamedTuple):
-    """Nash averaging (Balduzzi et al. 2018): each entrant's mean score against the other side's equilibrium."""
+    """Nash averaging (Balduzzi et al.
+
+    2018): each entrant's mean score against the other side's equilibrium.
+    """
 
     defender: NDArray[np.float64]  # [D] the defender's score against y: at most about the value
     attacker: NDArray[np.float64]  # [A] the attacker's own score against x: at most about 1 - value
@@ -44,7 +50,9 @@ class PopulationValue(NamedTuple):
 
 
 def solve(scores: NDArray) -> MatrixGame:
-    """An equilibrium of M = `scores` [D, A] by linear programming (HiGHS); the value is unique, the mixtures may not be."""
+    """An equilibrium of M = `scores` [D, A] by linear programming (HiGHS); the value is unique, the
+    mixtures may not be.
+    """
     scores = np.asarray(scores, float)
     if not scores.size or np.isnan(scores).any():
         raise ValueError("a matrix game needs every cell")
@@ -68,8 +76,8 @@ def solve(scores: NDArray) -> MatrixGame:
 def nash_average(scores: NDArray, slack: float = SLACK) -> NashAverage:
     """Average M = `scores` [D, A] over the opponents' equilibrium.
 
-    Of all mixtures that give away at most `slack` of score, the one of largest entropy is taken on each side, so that
-    the result is unique and does not depend on how the entrants are listed.
+    Of all mixtures that give away at most `slack` of score, the one of largest entropy is taken on
+    each side, so that the result is unique and does not depend on how the entrants are listed.
     """
     scores = np.asarray(scores, float)
     game = solve(scores)
@@ -82,22 +90,28 @@ def nash_average(scores: NDArray, slack: float = SLACK) -> NashAverage:
 def population_values(
     result: TournamentResult, populations: dict[str, NDArray], draws: int = 100, seed: int = 0
 ) -> dict[str, PopulationValue]:
-    """The value of each population (indices of defenders, by name) against all attackers of `result`.
+    """The value of each population (indices of defenders, by name) against all attackers of
+    `result`.
 
-    Every fight of the result must have been played. The interval is a percentile bootstrap over episodes, drawn once
-    for all cells and populations, because episode e starts from the same state everywhere.
+    Every fight of the result must have been played. The interval is a percentile bootstrap over
+    episodes, drawn once for all cells and populations, because episode e starts from the same state
+    everywhere.
     """
     fights = fight_scores(result)
     episodes = fights.shape[2]
     rng = np.random.default_rng(seed)
-    weights = [rng.multinomial(episodes, np.full(episodes, 1 / episodes)) / episodes for _ in range(draws)]
+    weights = [
+        rng.multinomial(episodes, np.full(episodes, 1 / episodes)) / episodes for _ in range(draws)
+    ]
     values = {}
     for name, members in populations.items():
         own = fights[np.asarray(members, int)]
         game = solve(own.mean(axis=2))
         drawn = [solve(own @ weight).value for weight in weights]
         low, high = np.quantile(drawn, [0.025, 0.975]) if drawn else (np.nan, np.nan)
-        values[name] = PopulationValue(game.value, float(low), float(high), game.defender_mix, game.attacker_mix)
+        values[name] = PopulationValue(
+            game.value, float(low), float(high), game.defender_mix, game.attacker_mix
+        )
     return values
 
 
@@ -105,10 +119,14 @@ def _gap(scores: NDArray, x: NDArray, y: NDArray) -> float:
     return float((scores @ y).max() - (x @ scores).min())
 
 
-def _most_mixed(scores: NDArray, optimal: NDArray, value: float, slack: float) -> NDArray[np.float64]:
-    """The y [A] of largest entropy with M y <= value + slack, sum y = 1; `optimal` satisfies it without slack.
+def _most_mixed(
+    scores: NDArray, optimal: NDArray, value: float, slack: float
+) -> NDArray[np.float64]:
+    """The y [A] of largest entropy with M y <= value + slack, sum y = 1; `optimal` satisfies it
+    without slack.
 
-    An interior-point method: minimise sum y log y - sum log(value + slack - M y) / t by Newton for growing t.
+    An interior-point method: minimise sum y log y - sum log(value + slack - M y) / t by Newton for
+    growing t.
     """
     size = len(optimal)
     limit = value + slack
@@ -121,12 +139,15 @@ def _most_mixed(scores: NDArray, optimal: NDArray, value: float, slack: float) -
             gradient = 1.0 + np.log(y) + scores.T @ (1.0 / room) / sharpness
             hessian = np.diag(1.0 / y) + (scores.T / room**2) @ scores / sharpness
             solved = np.linalg.solve(hessian, np.column_stack([gradient, np.ones(size)]))
-            step = solved[:, 1] * (solved[:, 0].sum() / solved[:, 1].sum()) - solved[:, 0]  # keeps the sum at 1
+            # keeps the sum at 1
+            step = solved[:, 1] * (solved[:, 0].sum() / solved[:, 1].sum()) - solved[:, 0]
             # The longest step that stays strictly inside, then as short as the objective demands.
-            drift, falling = scores @ step, (step < 0) & (y > 2 * NOTHING)  # who is at the floor holds nobody up
+            # who is at the floor holds nobody up
+            drift, falling = scores @ step, (step < 0) & (y > 2 * NOTHING)
             reach = [*(room[drift > 0] / drift[drift > 0]), *(y[falling] / -step[falling])]
             length = min(1.0, 0.95 * min(reach, default=np.inf))
-            y = np.maximum(y + length * step, NOTHING)  # an entrant far from the support must not underflow
+            # an entrant far from the support must not underflow
+            y = np.maximum(y + length * step, NOTHING)
             if np.abs(step).max() < 1e-9:
                 break
     return y / y.sum()

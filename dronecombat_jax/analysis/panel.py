@@ -1,7 +1,8 @@
-"""One number a training seed: its final defender's mean score against attackers that it never trained with.
+"""One number a training seed: its final defender's mean score against attackers that it never
+trained with.
 
-Fixed beforehand: the panel is the final and every tenth attacker of all runs, and the scripted pilots; a run's own
-attackers do not count for it. Every attacker weighs the same.
+Fixed beforehand: the panel is the final and every tenth attacker of all runs, and the scripted
+pilots; a run's own attackers do not count for it. Every attacker weighs the same.
 
 The number is the ADJUSTED score. In the plain mean a run of method X meets n - 1 of X's attackers
 and n of Y's, a run of Y the reverse: equal defenders then differ by what the attackers differ over
@@ -15,14 +16,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecombat_jax.analysis.result import Entrant, TournamentResult, by_training, score_rate, showings
+from dronecombat_jax.analysis.result import (
+    Entrant,
+    TournamentResult,
+    by_training,
+    score_rate,
+    showings,
+)
 from dronecombat_jax.types import ATTACKER, DEFENDER
 
 EVERY = 10  # chunks between the attackers of a run on the panel
 
 
 class Panel(NamedTuple):
-    """Final defenders of R runs against G groups of attackers; a group is one run's, or one scripted pilot."""
+    """Final defenders of R runs against G groups of attackers; a group is one run's, or one
+    scripted pilot.
+    """
 
     runs: tuple[str, ...]  # [R] `Entrant.lineage`: one seed of a run each
     methods: tuple[str, ...]  # [R]
@@ -36,32 +45,43 @@ class Panel(NamedTuple):
     groups: tuple[str, ...]  # [G] run, or "" for a scripted pilot
     group_methods: tuple[str, ...]  # [G]
     weights: NDArray[np.float64]  # [G] attackers in it
-    missing: tuple[tuple[str, str], ...]  # (run, method) left out: the final defender did not play half of the panel
-    dropped: tuple[str, ...]  # identities of panel attackers that some remaining defender did not meet
-    copies: tuple[tuple[str, str], ...] = ()  # (run, run of the same final defender): no second seed
+    # (run, method) left out: the final defender did not play half of the panel
+    missing: tuple[tuple[str, str], ...]
+    # identities of panel attackers that some remaining defender did not meet
+    dropped: tuple[str, ...]
+    # (run, run of the same final defender): no second seed
+    copies: tuple[tuple[str, str], ...] = ()
 
 
 def away_panel(result: TournamentResult, every: int = EVERY) -> Panel:
-    """Score every run's final defender; `every`: which chunks of the attackers sit on the panel beside the final one.
+    """Score every run's final defender; `every`: which chunks of the attackers sit on the panel
+    beside the final one.
 
-    Nothing missing is made up. A defender that did not play half of the panel is left out and named in `missing`;
-    then attackers that did not meet all the others are left out, so that the panel stays common. Two runs that end
-    with the same defender are one training seen twice: the second is named in `copies` and does not count.
+    Nothing missing is made up. A defender that did not play half of the panel is left out and named
+    in `missing`; then attackers that did not meet all the others are left out, so that the panel
+    stays common. Two runs that end with the same defender are one training seen twice: the second
+    is named in `copies` and does not count.
     """
     finals, copies = _different(by_training(result.defenders))
     seats = _seats(result.attackers, every)
     rows = [index for index, _ in finals]
     rate = score_rate(result)[np.ix_(rows, seats)]
     homes = _homes(result.attackers)
-    own = np.asarray([[one.lineage in homes[seat] for seat in seats] for _, one in finals], bool).reshape(rate.shape)
+    own = np.asarray(
+        [[one.lineage in homes[seat] for seat in seats] for _, one in finals], bool
+    ).reshape(rate.shape)
     absent = np.isnan(rate) & ~own
     whole = absent.mean(axis=1) < 0.5 if len(seats) else np.zeros(len(finals), bool)
     met = ~absent[whole].any(axis=0)
     kept = [one for (_, one), keep in zip(finals, whole, strict=True) if keep]
-    players = [result.attackers[seat] for seat, keep in zip(seats, np.atleast_1d(met), strict=True) if keep]
+    players = [
+        result.attackers[seat] for seat, keep in zip(seats, np.atleast_1d(met), strict=True) if keep
+    ]
     cells = np.where(own, np.nan, rate)[np.ix_(whole, met)]
     names = sorted({_group(player) for player in players})
-    member = np.asarray([[_group(player) == name for player in players] for name in names]).reshape(len(names), -1)
+    member = np.asarray([[_group(player) == name for player in players] for name in names]).reshape(
+        len(names), -1
+    )
     weights = member.sum(axis=1).astype(float)
     table = _average(cells, member)
     filled = fill_home(table, weights)
@@ -78,7 +98,11 @@ def away_panel(result: TournamentResult, every: int = EVERY) -> Panel:
         groups=tuple(run for run, _, _ in names),
         group_methods=tuple(method for _, method, _ in names),
         weights=weights,
-        missing=tuple((one.lineage, one.method) for (_, one), keep in zip(finals, whole, strict=True) if not keep),
+        missing=tuple(
+            (one.lineage, one.method)
+            for (_, one), keep in zip(finals, whole, strict=True)
+            if not keep
+        ),
         dropped=tuple(result.attackers[seat].identity for seat in np.asarray(seats)[~met]),
         copies=copies,
     )
@@ -87,8 +111,9 @@ def away_panel(result: TournamentResult, every: int = EVERY) -> Panel:
 def cells_needed(defenders: Sequence[Entrant], attackers: Sequence[Entrant]) -> NDArray[np.bool_]:
     """The cells [D, A] that the comparison of methods, its intervals and its figures rest on.
 
-    The final defenders against everybody (the panel; the own attackers for home minus away), every run against itself
-    (forgetting, the paper's maps), the scripted defenders against final attackers and scripted ones (anchors).
+    The final defenders against everybody (the panel; the own attackers for home minus away), every
+    run against itself (forgetting, the paper's maps), the scripted defenders against final
+    attackers and scripted ones (anchors).
     """
     needed = np.zeros((len(defenders), len(attackers)), bool)
     own = by_training(defenders), by_training(attackers)
@@ -96,7 +121,10 @@ def cells_needed(defenders: Sequence[Entrant], attackers: Sequence[Entrant]) -> 
         needed[saved[-1][0]] = True
         rows, columns = ([index for index, _ in side.get(lineage, ())] for side in own)
         needed[np.ix_(rows, columns)] = True
-    pilots = [[index for index, one in enumerate(side) if not one.lineage] for side in (defenders, attackers)]
+    pilots = [
+        [index for index, one in enumerate(side) if not one.lineage]
+        for side in (defenders, attackers)
+    ]
     last = [saved[-1][0] for saved in own[ATTACKER].values()]
     needed[np.ix_(pilots[DEFENDER], [*last, *pilots[ATTACKER]])] = True
     return needed
@@ -135,7 +163,9 @@ def mean_scores(filled: NDArray, weights: NDArray) -> NDArray[np.float64]:
 def _different(
     trainings: dict[str, list[tuple[int, Entrant]]],
 ) -> tuple[list[tuple[int, Entrant]], tuple[tuple[str, str], ...]]:
-    """Each run's last entrant, in order of run, and the runs that end with the same one as an earlier run."""
+    """Each run's last entrant, in order of run, and the runs that end with the same one as an
+    earlier run.
+    """
     first: dict[int, Entrant] = {}
     copies = []
     for lineage, saved in sorted(trainings.items()):

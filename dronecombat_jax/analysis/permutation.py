@@ -1,7 +1,7 @@
 """Tests by relabelling the training seeds: exact where the relabellings can be listed.
 
-The unit is the training seed: every row of a sample is one run. With few runs nothing else keeps its promise of 5 %:
-the percentile bootstrap over 8 seeds errs 10 % of the time.
+The unit is the training seed: every row of a sample is one run. With few runs nothing else keeps
+its promise of 5 %: the percentile bootstrap over 8 seeds errs 10 % of the time.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,8 @@ SAMPLED = 20_000
 class Permutation(NamedTuple):
     """A two-sided test of "the labels do not matter"."""
 
-    p_value: NDArray[np.float64]  # [...] share of relabellings as extreme as the labels, these included
+    # [...] share of relabellings as extreme as the labels, these included
+    p_value: NDArray[np.float64]
     difference: NDArray[np.float64]  # [...] mean of the first sample minus mean of the second
     relabellings: int
     exact: bool  # all of them, not a sample
@@ -28,7 +29,9 @@ class Permutation(NamedTuple):
 
 @lru_cache(maxsize=4)  # a verdict asks five times for the same
 def relabellings(first: int, second: int, seed: int = 0) -> tuple[NDArray[np.bool_], bool]:
-    """Every way [R, first + second] to choose `first` of the runs (true), the given one in row 0; and whether all."""
+    """Every way [R, first + second] to choose `first` of the runs (true), the given one in row 0;
+    and whether all.
+    """
     total, ways = first + second, comb(first + second, first)
     exact = ways <= LIMIT
     if exact:
@@ -44,7 +47,9 @@ def relabellings(first: int, second: int, seed: int = 0) -> tuple[NDArray[np.boo
 
 
 def permutation_test(first: NDArray, second: NDArray, seed: int = 0) -> Permutation:
-    """Compare the means of `first` [n, ...] and `second` [m, ...], one row a seed, each trailing entry by itself."""
+    """Compare the means of `first` [n, ...] and `second` [m, ...], one row a seed, each trailing
+    entry by itself.
+    """
     both, size = _join(first, second)
     labels, exact = relabellings(*size, seed)
     values = both.reshape(len(both), -1)
@@ -76,14 +81,17 @@ def sign_flip_test(differences: NDArray, seed: int = 0) -> Permutation:
         drawn = np.random.default_rng(seed).choice([-1, 1], (SAMPLED, count))
         signs = np.concatenate([np.ones((1, count), int), drawn])
     means = signs @ differences / count
-    return Permutation(_share(means, np.abs(differences).max()), np.asarray(means[0]), len(signs), exact)
+    return Permutation(
+        _share(means, np.abs(differences).max()), np.asarray(means[0]), len(signs), exact
+    )
 
 
 def max_t_test(first: NDArray, second: NDArray, seed: int = 0) -> NDArray[np.float64]:
-    """Adjusted p-values [...] of every cell of maps `first` [n, ...] and `second` [m, ...] (Westfall and Young 1993).
+    """Adjusted p-values [...] of every cell of maps `first` [n, ...] and `second` [m, ...]
+    (Westfall and Young 1993).
 
-    The chance that a relabelling has as large a t in ANY cell, so that no cell errs by being one of many. A cell that
-    some run did not play is NaN.
+    The chance that a relabelling has as large a t in ANY cell, so that no cell errs by being one of
+    many. A cell that some run did not play is NaN.
     """
     both, size = _join(first, second)
     flat = both.reshape(len(both), -1)
@@ -104,13 +112,20 @@ def max_t_test(first: NDArray, second: NDArray, seed: int = 0) -> NDArray[np.flo
 
 
 def spread_test(first: NDArray, second: NDArray, seed: int = 0) -> Permutation:
-    """Do seeds of the first sample vary more? The mean |value - own sample's median|, relabelled (Brown-Forsythe)."""
-    away = [np.abs(sample - np.median(sample)) for sample in (np.asarray(first, float), np.asarray(second, float))]
+    """Do seeds of the first sample vary more? The mean |value - own sample's median|, relabelled
+    (Brown-Forsythe).
+    """
+    away = [
+        np.abs(sample - np.median(sample))
+        for sample in (np.asarray(first, float), np.asarray(second, float))
+    ]
     return permutation_test(*away, seed=seed)
 
 
 def holm(p_values: Sequence[float]) -> NDArray[np.float64]:
-    """Adjusted p-values (Holm 1979): the family errs at most as often as the level says; NaN are no members."""
+    """Adjusted p-values (Holm 1979): the family errs at most as often as the level says; NaN are no
+    members.
+    """
     values = np.asarray(p_values, float)
     adjusted = np.full(values.shape, np.nan)
     known = np.flatnonzero(~np.isnan(values))
@@ -127,17 +142,22 @@ def _join(first: NDArray, second: NDArray) -> tuple[NDArray, tuple[int, int]]:
 
 
 def _mean_differences(labels: NDArray, values: NDArray) -> NDArray[np.float64]:
-    """Mean over the chosen rows of `values` [n, C] minus mean over the others, for every row of labels: [R, C]."""
+    """Mean over the chosen rows of `values` [n, C] minus mean over the others, for every row of
+    labels: [R, C].
+    """
     count = labels[0].sum()
     chosen = labels.astype(float) @ values
     return chosen / count - (values.sum(axis=0) - chosen) / (len(values) - count)
 
 
 def _studentised(labels: NDArray, cells: NDArray) -> NDArray[np.float64]:
-    """|t| [R, C] with the pooled variance; 1e-3 of score is added to its root so that no cell divides by nothing."""
+    """|t| [R, C] with the pooled variance; 1e-3 of score is added to its root so that no cell
+    divides by nothing.
+    """
     total, count = len(cells), labels[0].sum()
     difference = _mean_differences(labels, cells)
-    between = difference**2 * count * (total - count) / total  # of the sum of squares, what the labels explain
+    # of the sum of squares, what the labels explain
+    between = difference**2 * count * (total - count) / total
     within = np.maximum(np.sum(cells**2, axis=0) - between, 0.0) / max(total - 2, 1)
     return np.abs(difference) / (np.sqrt(within * (1 / count + 1 / (total - count))) + 1e-3)
 

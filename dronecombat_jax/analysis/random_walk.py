@@ -1,8 +1,10 @@
-"""The curve of ratings over a run's training: Bradley-Terry with a random-walk prior along each timeline.
+"""The curve of ratings over a run's training: Bradley-Terry with a random-walk prior along each
+timeline.
 
-Neighbours on a timeline share their fights: where a single rating's error exceeds a step of the walk, a fifth of the
-fights gives a better curve than plain Bradley-Terry on all. It is for curves only: the prior pulls the end of a
-timeline to its neighbours, so the test of final policies does not use it.
+Neighbours on a timeline share their fights: where a single rating's error exceeds a step of the
+walk, a fifth of the fights gives a better curve than plain Bradley-Terry on all. It is for curves
+only: the prior pulls the end of a timeline to its neighbours, so the test of final policies does
+not use it.
 """
 
 from collections.abc import Sequence
@@ -26,7 +28,9 @@ class Curve(NamedTuple):
 
     ratings: Ratings
     width: float  # w, points: standard deviation of a step between neighbours one chunk apart
-    at_limit: bool  # w was not found inside (NARROWEST, WIDEST): the curve is all but constant, or not smoothed at all
+    # w was not found inside (NARROWEST, WIDEST): the curve is all but constant, or not smoothed at
+    # all
+    at_limit: bool
     log_evidence: float  # of w, by Laplace's approximation
 
 
@@ -34,14 +38,16 @@ class Timeline(NamedTuple):
     """Players of one training and role, in the order of training."""
 
     players: NDArray[np.integer]  # [T] numbers in P
-    time: NDArray[np.float64]  # [T] chunks, strictly increasing; those that changed nothing are not counted
+    # [T] chunks, strictly increasing; those that changed nothing are not counted
+    time: NDArray[np.float64]
 
 
 def timelines(result: TournamentResult) -> tuple[Timeline, ...]:
     """The timelines of all runs in a tournament, both roles; scripted pilots are in none.
 
-    Its time stands still while a policy is saved again unchanged, so that what is learnt in one chunk afterwards is one
-    step of the walk. A policy that two runs share is on the timeline of the first.
+    Its time stands still while a policy is saved again unchanged, so that what is learnt in one
+    chunk afterwards is one step of the walk. A policy that two runs share is on the timeline of the
+    first.
     """
     chains, taken = [], set()
     for first, side in ((0, result.defenders), (len(result.defenders), result.attackers)):
@@ -69,11 +75,13 @@ def random_walk_curve(
     width: float | None = None,
     prior_sd: float = PRIOR_SD,
 ) -> Curve:
-    """Ratings by fights [D, A] counted from the defender's side; a draw is half a win and half a loss.
+    """Ratings by fights [D, A] counted from the defender's side; a draw is half a win and half a
+    loss.
 
-    Prior: sum over neighbours of (theta_t - theta_t-1)^2 / (2 w^2 (time_t - time_t-1)); the first of each timeline,
-    and every player in none, is normal with `prior_sd` points. `width` is w in points; None: the w of the largest
-    marginal likelihood, p(data | w) ~ likelihood x prior x sqrt(|Q| / |H + Q|) at the mode (Laplace).
+    Prior: sum over neighbours of (theta_t - theta_t-1)^2 / (2 w^2 (time_t - time_t-1)); the first
+    of each timeline, and every player in none, is normal with `prior_sd` points. `width` is w in
+    points; None: the w of the largest marginal likelihood, p(data | w) ~ likelihood x prior x
+    sqrt(|Q| / |H + Q|) at the mode (Laplace).
     """
     won, lost = wins + draws / 2, losses + draws / 2
     design = design_of(wins, losses, draws)
@@ -81,7 +89,9 @@ def random_walk_curve(
 
     def solve(width: float) -> tuple[NDArray, NDArray, float]:
         precision = walk_precision(total, chains, width, prior_sd)
-        theta, covariance, value = fit(lambda x, _: bernoulli_cells(won, lost, x), precision, won.shape)
+        theta, covariance, value = fit(
+            lambda x, _: bernoulli_cells(won, lost, x), precision, won.shape
+        )
         log_det = np.linalg.slogdet(precision)[1] + np.linalg.slogdet(covariance)[1]
         return theta, covariance, float(value - theta @ precision @ theta / 2 + log_det / 2)
 
@@ -101,8 +111,12 @@ def random_walk_curve(
     return Curve(ratings, width, at_limit, log_evidence)
 
 
-def walk_precision(total: int, chains: Sequence[Timeline], width: float, prior_sd: float) -> NDArray[np.float64]:
-    """Q [P, P] of the prior, in units of x; raises ValueError for a timeline that stands still or shares a player."""
+def walk_precision(
+    total: int, chains: Sequence[Timeline], width: float, prior_sd: float
+) -> NDArray[np.float64]:
+    """Q [P, P] of the prior, in units of x; raises ValueError for a timeline that stands still or
+    shares a player.
+    """
     precision = np.zeros((total, total))
     anchored = np.ones(total, bool)
     seen = np.zeros(total, int)

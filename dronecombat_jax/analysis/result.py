@@ -1,8 +1,10 @@
-"""What a tournament leaves: every outcome of every cell, who took part, and the plain counts and rates.
+"""What a tournament leaves: every outcome of every cell, who took part, and the plain counts and
+rates.
 
-Ratings and statistics are pure functions of a `TournamentResult`; what plays the fights (`tournament`) and what
-stores the result does not live here. Axes: D defenders, A attackers, E episodes, C causes; episode e starts from
-the same state in every cell. A cell that was not played is marked by `played` and never by zeros.
+Ratings and statistics are pure functions of a `TournamentResult`; what plays the fights
+(`tournament`) and what stores the result does not live here. Axes: D defenders, A attackers, E
+episodes, C causes; episode e starts from the same state in every cell. A cell that was not played
+is marked by `played` and never by zeros.
 """
 
 from collections.abc import Sequence
@@ -18,7 +20,9 @@ SCRIPTED = "scripted"  # the `method` of a pilot that was not trained
 
 
 class Alias(NamedTuple):
-    """Where else a player was saved: what training left alone for a chunk is the same policy once more."""
+    """Where else a player was saved: what training left alone for a chunk is the same policy once
+    more.
+    """
 
     label: str
     method: str
@@ -42,7 +46,9 @@ class Entrant(NamedTuple):
 
     @property
     def lineage(self) -> str:
-        """The one training, run and seed, that made it: the unit of every statistic; "" for a scripted pilot."""
+        """The one training, run and seed, that made it: the unit of every statistic; "" for a
+        scripted pilot.
+        """
         return f"{self.run}#{self.seed}" if self.run else ""
 
 
@@ -50,7 +56,8 @@ class TournamentResult(NamedTuple):
     """A round robin as played; built by `tournament_result`, which checks it."""
 
     counts: NDArray[np.integer]  # [D, A, C] fights ended by each `Cause`; 0 where not played
-    cause: NDArray[np.int8]  # [D, A, E] `Cause` of each fight, in order of episode; NONE where not played
+    # [D, A, E] `Cause` of each fight, in order of episode; NONE where not played
+    cause: NDArray[np.int8]
     steps: NDArray[np.integer]  # [D, A, E] control steps flown; 0 where not played
     played: NDArray[np.bool_]  # [D, A]
     winner: tuple[Outcome, ...]  # [C] who wins by each `Cause`: `combat.rules.outcome_table`
@@ -76,16 +83,25 @@ def tournament_result(
     control_dt: float,
     played: NDArray | None = None,
 ) -> TournamentResult:
-    """Check and count raw outcomes `cause` and `steps`, both [D, A, E]; `played` [D, A] defaults to "no cause is NONE".
+    """Check and count raw outcomes `cause` and `steps`, both [D, A, E]; `played` [D, A] defaults to
+    "no cause is NONE".
 
-    A `winner` shorter than C, from before the last causes were added, serves if none of those occurs.
-    Raises `UserError` (data) that names the first contradiction: shapes, an unknown cause, a played cell with a
-    fight that has not ended, an outcome or a duration in a cell that was not played, an entrant twice on a side.
+    A `winner` shorter than C, from before the last causes were added, serves if none of those
+    occurs. Raises `UserError` (data) that names the first contradiction: shapes, an unknown cause,
+    a played cell with a fight that has not ended, an outcome or a duration in a cell that was not
+    played, an entrant twice on a side.
     """
     cause, steps = np.asarray(cause), np.asarray(steps)
     shape = (len(defenders), len(attackers))
-    if cause.ndim != 3 or cause.shape[:2] != shape or steps.shape != cause.shape or 0 in cause.shape:
-        _refuse(f"causes {cause.shape} and durations {steps.shape} must both be [{shape[0]}, {shape[1]}, E], E > 0")
+    if (
+        cause.ndim != 3
+        or cause.shape[:2] != shape
+        or steps.shape != cause.shape
+        or 0 in cause.shape
+    ):
+        _refuse(
+            f"causes {cause.shape} and durations {steps.shape} must both be [{shape[0]}, {shape[1]}, E], E > 0"
+        )
     if cause.dtype.kind not in "iu" or steps.dtype.kind not in "iu":
         _refuse(f"causes and durations must be integers, not {cause.dtype} and {steps.dtype}")
     if not 0 < len(winner) <= len(Cause):
@@ -119,10 +135,13 @@ def tournament_result(
 def showings(entrants: Sequence[Entrant]) -> list[tuple[int, Entrant]]:
     """Each entrant (index) under each of its names.
 
-    A head start saves the defender again and again as it was, a frozen chunk the attacker. Such a policy flies and is
-    rated once; whatever is shown over training shows it at every chunk.
+    A head start saves the defender again and again as it was, a frozen chunk the attacker. Such a
+    policy flies and is rated once; whatever is shown over training shows it at every chunk.
     """
-    every = lambda one: (one._replace(also=()), *(one._replace(also=(), **name._asdict()) for name in one.also))
+    every = lambda one: (
+        one._replace(also=()),
+        *(one._replace(also=(), **name._asdict()) for name in one.also),
+    )
     return [(index, shown) for index, one in enumerate(entrants) for shown in every(one)]
 
 
@@ -155,12 +174,17 @@ def score_rate(result: TournamentResult) -> NDArray[np.float64]:
 
 
 def win_rate(result: TournamentResult) -> NDArray[np.float64]:
-    """The share of fights that the defender wins [D, A], as in the paper's figures 6 and 7; NaN where not played."""
+    """The share of fights that the defender wins [D, A], as in the paper's figures 6 and 7; NaN
+    where not played.
+    """
     return np.where(result.played, scores(result).wins / result.cause.shape[2], np.nan)
 
 
 def fight_scores(result: TournamentResult) -> NDArray[np.float64]:
-    """The defender's score S of eq. 4 in every fight [D, A, E]: 1, 1/2 or 0; NaN where not played."""
+    """The defender's score S of eq.
+
+    4 in every fight [D, A, E]: 1, 1/2 or 0; NaN where not played.
+    """
     value = {Outcome.DEFENDER: 1.0, Outcome.DRAW: 0.5, Outcome.ATTACKER: 0.0}
     table = np.asarray([value[outcome] for outcome in result.winner])
     table[Cause.NONE] = np.nan
@@ -168,7 +192,9 @@ def fight_scores(result: TournamentResult) -> NDArray[np.float64]:
 
 
 def select(result: TournamentResult, defenders: NDArray, attackers: NDArray) -> TournamentResult:
-    """The part of a tournament between the given indices of `defenders` and `attackers`, in that order."""
+    """The part of a tournament between the given indices of `defenders` and `attackers`, in that
+    order.
+    """
     cells = np.ix_(np.asarray(defenders, int), np.asarray(attackers, int))
     return result._replace(
         counts=result.counts[cells],
@@ -181,11 +207,15 @@ def select(result: TournamentResult, defenders: NDArray, attackers: NDArray) -> 
 
 
 def first_episodes(result: TournamentResult, episodes: int) -> TournamentResult:
-    """The same tournament cut to its first `episodes` a cell (the paper rates by 5 and maps by 100)."""
+    """The same tournament cut to its first `episodes` a cell (the paper rates by 5 and maps by
+    100).
+    """
     if not 1 <= episodes <= result.cause.shape[2]:
         raise ValueError(f"{episodes} episodes of {result.cause.shape[2]}")
     cause = result.cause[:, :, :episodes]
-    return result._replace(counts=count_causes(cause), cause=cause, steps=result.steps[:, :, :episodes])
+    return result._replace(
+        counts=count_causes(cause), cause=cause, steps=result.steps[:, :, :episodes]
+    )
 
 
 def _refuse(reason: str) -> None:

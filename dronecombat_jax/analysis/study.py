@@ -1,7 +1,8 @@
 """Everything that a tournament's report shows, computed once from its result; no drawing, no files.
 
-The paper's figures 4 to 9 rate every run in its own tournament, its defenders against its attackers, and average over
-seeds. All other ratings are of the whole tournament. What is missing is said in words and never made up.
+The paper's figures 4 to 9 rate every run in its own tournament, its defenders against its
+attackers, and average over seeds. All other ratings are of the whole tournament. What is missing is
+said in words and never made up.
 """
 
 from collections.abc import Sequence
@@ -16,9 +17,20 @@ from dronecombat_jax.analysis.bradley_terry import Ratings, bradley_terry, david
 from dronecombat_jax.analysis.cyclic import CyclicShare, cyclic_share
 from dronecombat_jax.analysis.design import complete_part
 from dronecombat_jax.analysis.elo import EloRatings, elo_ratings
-from dronecombat_jax.analysis.forgetting import Forgetting, RunMap, forgetting, home_and_away, run_maps
+from dronecombat_jax.analysis.forgetting import (
+    Forgetting,
+    RunMap,
+    forgetting,
+    home_and_away,
+    run_maps,
+)
 from dronecombat_jax.analysis.gaps import missing
-from dronecombat_jax.analysis.nash import NashAverage, PopulationValue, nash_average, population_values
+from dronecombat_jax.analysis.nash import (
+    NashAverage,
+    PopulationValue,
+    nash_average,
+    population_values,
+)
 from dronecombat_jax.analysis.random_walk import Curve, random_walk_curve, timelines
 from dronecombat_jax.analysis.result import (
     Entrant,
@@ -69,7 +81,8 @@ class Study(NamedTuple):
 
     result: TournamentResult
     methods: tuple[str, ...]  # of trained entrants, in order of appearance
-    own_elo: dict[str, NDArray[np.float64]]  # by lineage: Elo [P] within the run's own tournament; NaN for all others
+    # by lineage: Elo [P] within the run's own tournament; NaN for all others
+    own_elo: dict[str, NDArray[np.float64]]
     elo: EloRatings
     elo_scale: Scale  # one standard deviation over orders
     ratings: Ratings  # Bradley-Terry
@@ -79,7 +92,8 @@ class Study(NamedTuple):
     smooth_scale: Scale | None
     win_maps: dict[str, tuple[RunMap, ...]]  # by method: the share of fights that the defender wins
     memory: dict[str, Memory]  # by lineage
-    cyclic: dict[str, CyclicShare | None]  # of ALL and of each method among itself; None: no whole part
+    # of ALL and of each method among itself; None: no whole part
+    cyclic: dict[str, CyclicShare | None]
     cyclic_part: dict[str, TournamentResult]
     nash: NashAverage | None  # of the part without missing cells
     nash_part: TournamentResult
@@ -102,20 +116,26 @@ def study(result: TournamentResult, effort: Effort | None = None) -> Study:
     methods = tuple(dict.fromkeys(one.method for _, one in showings(entrants) if one.lineage))
     counts = (table.wins, table.losses, table.draws)
     ratings = bradley_terry(*counts)
-    smooth = random_walk_curve(*counts, timelines(result)) if len(entrants) <= LARGEST_CURVE else None
+    smooth = (
+        random_walk_curve(*counts, timelines(result)) if len(entrants) <= LARGEST_CURVE else None
+    )
     elo = elo_ratings(rated, effort.orders)
     points = np.concatenate([elo.defender, elo.attacker])
     spread = np.concatenate([elo.defender_spread, elo.attacker_spread])
     maps = run_maps(result, win_rate(result))
     parts = {ALL: _by_identity(complete_part(result))}
     if len(methods) > 1:
-        parts |= {method: _by_identity(complete_part(_of_method(result, method))) for method in methods}
+        parts |= {
+            method: _by_identity(complete_part(_of_method(result, method))) for method in methods
+        }
     whole = parts[ALL]
     rate = score_rate(whole)
     small = whole.played.size * sum(whole.played.shape) <= LARGEST_ALPHA_RANK
     rank = alpha_rank(rate) if rate.size and small else None
     own = {method: _members(whole.defenders, method) for method in methods}
-    populations = {method: members for method, members in own.items() if len(members) and whole.played.size}
+    populations = {
+        method: members for method, members in own.items() if len(members) and whole.played.size
+    }
     return Study(
         result=result,
         methods=methods,
@@ -126,7 +146,8 @@ def study(result: TournamentResult, effort: Effort | None = None) -> Study:
         scale=_scale(ratings, ratings.rating, ratings.low, ratings.high),
         davidson=davidson(*counts),
         smooth=smooth,
-        smooth_scale=smooth and _scale(ratings, smooth.ratings.rating, smooth.ratings.low, smooth.ratings.high),
+        smooth_scale=smooth
+        and _scale(ratings, smooth.ratings.rating, smooth.ratings.low, smooth.ratings.high),
         win_maps={method: tuple(one for one in maps if one.method == method) for method in methods},
         memory=memories(result),
         cyclic={name: _cyclic(part, effort) for name, part in parts.items()},
@@ -141,26 +162,37 @@ def study(result: TournamentResult, effort: Effort | None = None) -> Study:
 
 
 def own_elo(result: TournamentResult, orders: int) -> dict[str, NDArray[np.float64]]:
-    """Elo [P] in every run's own tournament, by lineage, as in the paper; NaN for whoever takes no part in it."""
+    """Elo [P] in every run's own tournament, by lineage, as in the paper; NaN for whoever takes no
+    part in it.
+    """
     num_defenders, total = len(result.defenders), sum(result.played.shape)
     trainings = [by_training(side) for side in _sides(result)]
     ratings = {}
     for lineage in trainings[DEFENDER]:
-        rows, columns = (np.unique([i for i, _ in side.get(lineage, ())]).astype(int) for side in trainings)
+        rows, columns = (
+            np.unique([i for i, _ in side.get(lineage, ())]).astype(int) for side in trainings
+        )
         part = select(result, rows, columns)
         if part.played.any():
             elo = elo_ratings(part, orders)
             ratings[lineage] = np.full(total, np.nan)
             ratings[lineage][rows] = np.where(elo.defender_games > 0, elo.defender, np.nan)
-            ratings[lineage][num_defenders + columns] = np.where(elo.attacker_games > 0, elo.attacker, np.nan)
+            ratings[lineage][num_defenders + columns] = np.where(
+                elo.attacker_games > 0, elo.attacker, np.nan
+            )
     return ratings
 
 
-def own_elo_by_side(study: Study) -> list[tuple[str, tuple[Entrant, ...], dict[str, NDArray[np.float64]]]]:
+def own_elo_by_side(
+    study: Study,
+) -> list[tuple[str, tuple[Entrant, ...], dict[str, NDArray[np.float64]]]]:
     """Role, entrants and their Elo by lineage, each [D] or [A]."""
     cut = len(study.result.defenders)
     parts = zip(ROLES, _sides(study.result), (slice(cut), slice(cut, None)), strict=True)
-    return [(role, side, {run: elo[part] for run, elo in study.own_elo.items()}) for role, side, part in parts]
+    return [
+        (role, side, {run: elo[part] for run, elo in study.own_elo.items()})
+        for role, side, part in parts
+    ]
 
 
 def _scale(ratings: Ratings, *numbers: NDArray) -> Scale:
@@ -181,13 +213,21 @@ def memories(result: TournamentResult) -> dict[str, Memory]:
 
 
 def _by_identity(part: TournamentResult) -> TournamentResult:
-    """In an order that does not depend on how the entrants were listed, and so neither does what is drawn for them."""
-    return select(part, *(np.argsort([one.identity for one in side], kind="stable") for side in _sides(part)))
+    """In an order that does not depend on how the entrants were listed, and so neither does what is
+    drawn for them.
+    """
+    return select(
+        part, *(np.argsort([one.identity for one in side], kind="stable") for side in _sides(part))
+    )
 
 
 def _cyclic(part: TournamentResult, effort: Effort) -> CyclicShare | None:
     table = scores(part)
-    return cyclic_share(table.wins, table.losses, table.draws, effort.bootstrap) if part.played.size else None
+    return (
+        cyclic_share(table.wins, table.losses, table.draws, effort.bootstrap)
+        if part.played.size
+        else None
+    )
 
 
 def _of_method(result: TournamentResult, method: str) -> TournamentResult:
@@ -195,7 +235,9 @@ def _of_method(result: TournamentResult, method: str) -> TournamentResult:
 
 
 def _members(entrants: Sequence[Entrant], method: str) -> NDArray[np.integer]:
-    return np.unique([i for i, one in showings(entrants) if one.lineage and one.method == method]).astype(int)
+    return np.unique(
+        [i for i, one in showings(entrants) if one.lineage and one.method == method]
+    ).astype(int)
 
 
 def _sides(result: TournamentResult) -> tuple[tuple[Entrant, ...], tuple[Entrant, ...]]:

@@ -1,4 +1,6 @@
-"""Does one method's final defender beat another's: the answer in one sentence that cannot be misread."""
+"""Does one method's final defender beat another's: the answer in one sentence that cannot be
+misread.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -43,8 +45,11 @@ class Verdict(NamedTuple):
     fights: int  # of the whole tournament
 
 
-def judge(result: TournamentResult, methods: Sequence[str] | None = None, every: int = EVERY) -> Verdict:
-    """Compare all pairs of `methods` (default: all). UserError where there are not two with a final defender.
+def judge(
+    result: TournamentResult, methods: Sequence[str] | None = None, every: int = EVERY
+) -> Verdict:
+    """Compare all pairs of `methods` (default: all). UserError where there are not two with a final
+    defender.
 
     `every`: which attackers of a run sit on the panel beside its final one.
     """
@@ -53,9 +58,15 @@ def judge(result: TournamentResult, methods: Sequence[str] | None = None, every:
     chosen = known if methods is None else list(methods)
     if absent := sorted(set(chosen) - set(known)):
         left_out = sorted(run for run, method in panel.missing if method in absent)
-        raise UserError(f"no final defender of {', '.join(absent)} met the common attackers: {left_out}", EXIT_DATA)
+        raise UserError(
+            f"no final defender of {', '.join(absent)} met the common attackers: {left_out}",
+            EXIT_DATA,
+        )
     if len(chosen) < 2:
-        raise UserError(f"nothing to compare: all final defenders are of {', '.join(chosen) or 'nobody'}", EXIT_DATA)
+        raise UserError(
+            f"nothing to compare: all final defenders are of {', '.join(chosen) or 'nobody'}",
+            EXIT_DATA,
+        )
     if not np.isfinite(panel.adjusted).all():
         reason = "no attacker met the final defenders of two runs but its own: nothing to compare"
         raise UserError(reason, EXIT_DATA)
@@ -106,9 +117,7 @@ def sentence(one: Comparison, means: tuple[float, float], pairs: int = 1) -> str
         f"and that they are equal within {MARGIN:g} Elo {margin}. This is not evidence that they are equal."
     )
     if (least := smallest_p(*one.seeds) * pairs) >= LEVEL:
-        text += (
-            f" With {seeds} no result could have been significant: the smallest possible p is {min(least, 1.0):.2g}."
-        )
+        text += f" With {seeds} no result could have been significant: the smallest possible p is {min(least, 1.0):.2g}."
     return text
 
 
@@ -128,7 +137,9 @@ def secondary(
         if len(one) and len(other):
             tests.append((name, permutation_test(one, other), (len(one), len(other))))
     one, other = (panel.adjusted[methods == method] for method in (first, second))
-    tests.append(("spread of the score over seeds", spread_test(one, other), (len(one), len(other))))
+    tests.append(
+        ("spread of the score over seeds", spread_test(one, other), (len(one), len(other)))
+    )
     adjusted = holm([float(test.p_value) for _, test, _ in tests])
     return tuple(
         Secondary(name, float(test.difference), float(test.p_value), float(p), seeds)

@@ -17,14 +17,21 @@ def verdict_text(verdict: Verdict) -> str:
         f"pilots; never a run's own; {verdict.fights:,} fights in the tournament"
     ]
     if len(set(panel.steps)) > 1:
-        notes.append(f"unequal training: {min(panel.steps):,} to {max(panel.steps):,} steps; compared as they are")
+        notes.append(
+            f"unequal training: {min(panel.steps):,} to {max(panel.steps):,} steps; compared as they are"
+        )
     if panel.missing:
-        notes.append(f"left out, too few of their fights were played: {', '.join(run for run, _ in panel.missing)}")
+        notes.append(
+            f"left out, too few of their fights were played: {', '.join(run for run, _ in panel.missing)}"
+        )
     notes += [
-        f"{run} ends with the same defender as {first}: no second seed, not counted" for run, first in panel.copies
+        f"{run} ends with the same defender as {first}: no second seed, not counted"
+        for run, first in panel.copies
     ]
     if panel.dropped:
-        notes.append(f"{len(panel.dropped)} attackers left out of the panel, some defender did not meet them")
+        notes.append(
+            f"{len(panel.dropped)} attackers left out of the panel, some defender did not meet them"
+        )
     return "\n\n".join([*blocks, "\n".join(notes)])
 
 
@@ -99,7 +106,11 @@ def _interval(told: Welch, digits: str = ".3f") -> str:
 
 
 def _ends(ends: tuple[float, float], digits: str = ".3f") -> str:
-    return f"[{ends[0]:+{digits}}, {ends[1]:+{digits}}]" if ends[0] == ends[0] else "[unknown: one seed a method]"
+    return (
+        f"[{ends[0]:+{digits}}, {ends[1]:+{digits}}]"
+        if ends[0] == ends[0]
+        else "[unknown: one seed a method]"
+    )
 
 
 def _number(value: float, digits: str) -> str:
@@ -107,7 +118,9 @@ def _number(value: float, digits: str) -> str:
 
 
 def _nth(number: int) -> str:
-    last = {1: "st", 2: "nd", 3: "rd"}.get(number % 10 if number % 100 not in (11, 12, 13) else 0, "th")
+    last = {1: "st", 2: "nd", 3: "rd"}.get(
+        number % 10 if number % 100 not in (11, 12, 13) else 0, "th"
+    )
     return f"{number}{last}"
 
 

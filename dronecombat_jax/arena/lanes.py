@@ -1,8 +1,10 @@
-"""The program of a round robin: one batch of lanes, each with a fight of its own, flown for a few control steps.
+"""The program of a round robin: one batch of lanes, each with a fight of its own, flown for a few
+control steps.
 
-Lanes of one policy sit together in blocks, so that a side's policies fly as one batched product over small blocks.
-Every shape is static, and neither the number of entrants nor that of episodes is one of them: a program is compiled
-once for two networks. What does not live here: who flies where (`schedule`), the whole grid (`tournament`).
+Lanes of one policy sit together in blocks, so that a side's policies fly as one batched product
+over small blocks. Every shape is static, and neither the number of entrants nor that of episodes is
+one of them: a program is compiled once for two networks. What does not live here: who flies where
+(`schedule`), the whole grid (`tournament`).
 """
 
 from collections.abc import Callable
@@ -19,7 +21,16 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import PILOTS, Pilot, build_pilot, one_per_fight
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn.rollout import policy_mean
-from dronecombat_jax.types import ACTION_SIZE, ATTACKER, DEFENDER, NUM_AGENTS, Cause, EnvState, FightResult, Policy
+from dronecombat_jax.types import (
+    ACTION_SIZE,
+    ATTACKER,
+    DEFENDER,
+    NUM_AGENTS,
+    Cause,
+    EnvState,
+    FightResult,
+    Policy,
+)
 
 STARTS, NOISE = 0, 1  # what the tournament's seed is drawn on for
 
@@ -27,8 +38,9 @@ STARTS, NOISE = 0, 1  # what the tournament's seed is drawn on for
 class Layout(NamedTuple):
     """Static shapes of one batch.
 
-    TRAP: another number of lanes makes XLA round MJX's last bits differently, so it is one for a kind of device; more
-    lanes in the air are more batches. Nothing else in here, and no place in a batch, can change an outcome.
+    TRAP: another number of lanes makes XLA round MJX's last bits differently, so it is one for a
+    kind of device; more lanes in the air are more batches. Nothing else in here, and no place in a
+    batch, can change an outcome.
     """
 
     lanes: int
@@ -42,7 +54,8 @@ class Side(NamedTuple):
 
     policies: Policy | None  # leaves [blocks, ...]
     rows: jax.Array  # [blocks, block] int32, the lane on each seat; an empty seat repeats lane 0
-    seat: jax.Array  # [L] int32, the seat of each lane, counted through all blocks; 0 for a lane without one
+    # [L] int32, the seat of each lane, counted through all blocks; 0 for a lane without one
+    seat: jax.Array
     pilot: jax.Array  # [L] int32, the scripted pilot, numbered as in `PILOTS`; -1: a policy flies
 
 
@@ -67,17 +80,27 @@ Fly = Callable[[Lanes, Orders, tuple[Side, Side]], Lanes]
 
 
 def build_fly(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout, stochastic: bool) -> Fly:
-    """The function that flies a batch for `layout.steps` control steps; `kinds` by role. To be jitted."""
+    """The function that flies a batch for `layout.steps` control steps; `kinds` by role. To be
+    jitted.
+    """
 
     def fly(lanes: Lanes, orders: Orders, sides: tuple[Side, Side]) -> Lanes:
         pick = lambda new, old: jnp.where(orders.begin.reshape(-1, *[1] * (new.ndim - 1)), new, old)
         lanes = jax.tree.map(pick, Lanes(orders.start, no_result(orders.start)), lanes)
-        keys = jax.vmap(partial(fight_key, orders.seed))(orders.words, orders.episode) if stochastic else None
-        defender, attacker = (_pilot(combat, kinds[role], sides[role], role, keys) for role in (DEFENDER, ATTACKER))
+        keys = (
+            jax.vmap(partial(fight_key, orders.seed))(orders.words, orders.episode)
+            if stochastic
+            else None
+        )
+        defender, attacker = (
+            _pilot(combat, kinds[role], sides[role], role, keys) for role in (DEFENDER, ATTACKER)
+        )
         unused = jax.random.key(0)  # these pilots have the fights' own keys
 
         def step(lanes: Lanes, _: jax.Array | None) -> tuple[Lanes, None]:
-            state, result, _actions = advance(combat, defender, attacker, lanes.state, lanes.result, unused)
+            state, result, _actions = advance(
+                combat, defender, attacker, lanes.state, lanes.result, unused
+            )
             return Lanes(state, result), None
 
         return jax.lax.scan(step, lanes, None, length=layout.steps)[0]
@@ -89,18 +112,25 @@ def idle_lanes(combat: Combat, layout: Layout) -> Lanes:
     """A batch in which nobody has begun to fight; NumPy leaves."""
     one = jax.eval_shape(combat.reset, jax.random.key(0))
     state = jax.tree.map(lambda leaf: np.zeros((layout.lanes, *leaf.shape), leaf.dtype), one)
-    result = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), jax.eval_shape(no_result, state))
+    result = jax.tree.map(
+        lambda leaf: np.zeros(leaf.shape, leaf.dtype), jax.eval_shape(no_result, state)
+    )
     return Lanes(state, result._replace(cause=np.full_like(result.cause, Cause.TIMEOUT)))
 
 
 def start_states(combat: Combat, seed: jax.Array | int, episodes: int) -> EnvState:
-    """The start states [E, ...] of a tournament, the same in every cell; that of episode e depends on `seed` and e alone."""
+    """The start states [E, ...] of a tournament, the same in every cell; that of episode e depends
+    on `seed` and e alone.
+    """
     key = jax.random.fold_in(jax.random.key(seed), STARTS)
-    return jax.vmap(lambda episode: combat.reset(jax.random.fold_in(key, episode)))(jnp.arange(episodes))
+    return jax.vmap(lambda episode: combat.reset(jax.random.fold_in(key, episode)))(
+        jnp.arange(episodes)
+    )
 
 
 def fight_key(seed: jax.Array, words: jax.Array, episode: jax.Array) -> jax.Array:
-    """The key of one stochastic fight: of the seed, `words` [4] of both players, and the episode, and of nothing else.
+    """The key of one stochastic fight: of the seed, `words` [4] of both players, and the episode,
+    and of nothing else.
 
     As the key of `match.fight` for this fight alone it gives the same draws.
     """
@@ -112,7 +142,11 @@ def fight_key(seed: jax.Array, words: jax.Array, episode: jax.Array) -> jax.Arra
 
 def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None) -> Pilot:
     flown = [] if side.policies is None else [_policies(kind, side.policies, side, role, keys)]
-    pilots = [build_pilot(name, combat.config, combat.scene, role) for name in PILOTS[role]] if kind.scripted else []
+    pilots = (
+        [build_pilot(name, combat.config, combat.scene, role) for name in PILOTS[role]]
+        if kind.scripted
+        else []
+    )
     scripted = side.pilot >= 0
 
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
@@ -122,7 +156,9 @@ def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | 
         follow = lambda: one_per_fight(pilots, jnp.maximum(side.pilot, 0))(state, observation, key)
         if not actions:
             return follow()
-        other: jax.Array = jax.lax.cond(jnp.any(scripted), follow, lambda: jnp.zeros_like(actions[0]))
+        other: jax.Array = jax.lax.cond(
+            jnp.any(scripted), follow, lambda: jnp.zeros_like(actions[0])
+        )
         return jnp.where(scripted[:, None], other, actions[0])
 
     return act
@@ -134,7 +170,9 @@ def _policies(kind: Kind, policies: Policy, side: Side, role: int, keys: jax.Arr
 
     def act(state: EnvState, observation: jax.Array, _: jax.Array) -> jax.Array:
         seen = observation[side.rows, role]
-        mean = jax.vmap(partial(policy_mean, learn))(policies, seen).reshape(-1, ACTION_SIZE)[side.seat]
+        mean = jax.vmap(partial(policy_mean, learn))(policies, seen).reshape(-1, ACTION_SIZE)[
+            side.seat
+        ]
         if keys is None:
             return mean
         spread = jnp.repeat(jnp.exp(policies.log_std), side.rows.shape[1], axis=0)[side.seat]
@@ -144,5 +182,9 @@ def _policies(kind: Kind, policies: Policy, side: Side, role: int, keys: jax.Arr
 
 
 def _noise(role: int, key: jax.Array, clock: jax.Array) -> jax.Array:
-    """What `match.fight` of one fight alone draws for the policy of `role` in the step after `clock`: [4]."""
-    return jax.random.normal(jax.random.split(jax.random.fold_in(key, clock), NUM_AGENTS)[role], (1, ACTION_SIZE))[0]
+    """What `match.fight` of one fight alone draws for the policy of `role` in the step after
+    `clock`: [4].
+    """
+    return jax.random.normal(
+        jax.random.split(jax.random.fold_in(key, clock), NUM_AGENTS)[role], (1, ACTION_SIZE)
+    )[0]

@@ -44,7 +44,9 @@ def start_fights(combat: Combat, key: jax.Array, num_fights: int) -> EnvState:
     return jax.vmap(combat.spawn)(combat.draw(key, (num_fights,)))
 
 
-def fight(combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key: jax.Array) -> FightResult:
+def fight(
+    combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key: jax.Array
+) -> FightResult:
     """Fight all of `start` [E, ...] to the end; stops when the last one has ended."""
 
     def running(carry: tuple) -> jax.Array:
@@ -52,19 +54,25 @@ def fight(combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key
 
     def step_on(carry: tuple) -> tuple:
         state, result, step = carry
-        state, result, _ = advance(combat, defender, attacker, state, result, jax.random.fold_in(key, step))
+        state, result, _ = advance(
+            combat, defender, attacker, state, result, jax.random.fold_in(key, step)
+        )
         return state, result, step + 1
 
     carry = (start, no_result(start), jnp.zeros((), jnp.int32))
     return jax.lax.while_loop(running, step_on, carry)[1]
 
 
-def record(combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key: jax.Array) -> FightRecord:
+def record(
+    combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key: jax.Array
+) -> FightRecord:
     """Like `fight`, keeping every step: `episode_steps` of them."""
 
     def step_on(carry: tuple, step: jax.Array) -> tuple:
         state, result = carry
-        state, result, action = advance(combat, defender, attacker, state, result, jax.random.fold_in(key, step))
+        state, result, action = advance(
+            combat, defender, attacker, state, result, jax.random.fold_in(key, step)
+        )
         return (state, result), (state.qpos, state.qvel, jnp.clip(action, -1.0, 1.0))
 
     steps = jnp.arange(combat.config.game.episode_steps)
@@ -73,16 +81,25 @@ def record(combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, ke
 
 
 def advance(
-    combat: Combat, defender: Pilot, attacker: Pilot, state: EnvState, result: FightResult, key: jax.Array
+    combat: Combat,
+    defender: Pilot,
+    attacker: Pilot,
+    state: EnvState,
+    result: FightResult,
+    key: jax.Array,
 ) -> tuple[EnvState, FightResult, jax.Array]:
-    """Fly one control step of every fight `state` [E, ...] whose `result` [E, ...] has no cause yet; the rest stand still.
+    """Fly one control step of every fight `state` [E, ...] whose `result` [E, ...] has no cause
+    yet; the rest stand still.
 
-    Also returns the actions [E, A, 4] that the pilots gave. A fight's outcome does not depend on the others beside it.
+    Also returns the actions [E, A, 4] that the pilots gave. A fight's outcome does not depend on
+    the others beside it.
     """
     observation = jax.vmap(combat.observe)(state)
     keys = jax.random.split(key)
     pilots = {DEFENDER: defender, ATTACKER: attacker}
-    action = jnp.stack([pilots[role](state, observation, keys[role]) for role in sorted(pilots)], axis=1)
+    action = jnp.stack(
+        [pilots[role](state, observation, keys[role]) for role in sorted(pilots)], axis=1
+    )
     after, output = jax.vmap(combat.step)(state, action)
     on = result.cause == Cause.NONE
     keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)
@@ -92,13 +109,17 @@ def advance(
 
 def no_result(start: EnvState) -> FightResult:
     """The result [E, ...] of fights that have not ended."""
-    return FightResult(jnp.zeros_like(start.clock), jnp.zeros_like(start.clock), jnp.zeros_like(start.out))
+    return FightResult(
+        jnp.zeros_like(start.clock), jnp.zeros_like(start.clock), jnp.zeros_like(start.out)
+    )
 
 
 def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
     """One fight of a record, cut at its end, its start state first."""
     steps = int(fights.result.steps[index])
-    first = lambda start, path: np.concatenate([np.asarray(start)[index][None], np.asarray(path)[:steps, index]])
+    first = lambda start, path: np.concatenate(
+        [np.asarray(start)[index][None], np.asarray(path)[:steps, index]]
+    )
     action = np.asarray(fights.action)[:steps, index]
     return Trajectory(
         time=np.arange(steps + 1) * combat.config.control_dt,

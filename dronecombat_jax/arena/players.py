@@ -18,8 +18,10 @@ from dronecombat_jax.types import Policy
 class Player(NamedTuple):
     """One entrant on one side, ready to fly."""
 
-    identity: str  # digest of its parameters, or the scripted pilot's name; its random numbers depend on it
-    pilot: Policy | str  # NumPy leaves without leading axes, log-std in its bounds; or the name of a scripted pilot
+    # digest of its parameters, or the scripted pilot's name; its random numbers depend on it
+    identity: str
+    # NumPy leaves without leading axes, log-std in its bounds; or the name of a scripted pilot
+    pilot: Policy | str
     normalize: bool = True  # whether the policy sees scaled observations
 
 
@@ -32,7 +34,9 @@ class Kind(NamedTuple):
 
 
 def alike(players: Sequence[Player]) -> list[list[int]]:
-    """Indices of players by network; scripted pilots join the first, so that they need no program of their own."""
+    """Indices of players by network; scripted pilots join the first, so that they need no program
+    of their own.
+    """
     groups: dict[Any, list[int]] = {}
     for index, player in enumerate(players):
         groups.setdefault(_network(player), []).append(index)
@@ -63,7 +67,9 @@ def stack(players: Sequence[Player]) -> Policy | None:
 def scripted_numbers(players: Sequence[Player], role: int) -> NDArray[np.int32]:
     """The number of each scripted pilot in `PILOTS`, -1 for a policy; [P]."""
     names = list(PILOTS[role])
-    return np.asarray([names.index(one.pilot) if isinstance(one.pilot, str) else -1 for one in players], np.int32)
+    return np.asarray(
+        [names.index(one.pilot) if isinstance(one.pilot, str) else -1 for one in players], np.int32
+    )
 
 
 def content_words(identity: str) -> NDArray[np.uint32]:

@@ -1,6 +1,8 @@
-"""The part of a round robin that one program can fly: its batches, in the air at once and never waiting for each other.
+"""The part of a round robin that one program can fly: its batches, in the air at once and never
+waiting for each other.
 
-What does not live here: the program itself (`lanes`), who sits where (`schedule`), the grid (`tournament`).
+What does not live here: the program itself (`lanes`), who sits where (`schedule`), the grid
+(`tournament`).
 """
 
 from collections.abc import Callable, Iterator
@@ -65,10 +67,18 @@ class Rectangle:
         layout: Layout,
     ):
         """`starts`: the start states of the episodes, NumPy leaves [E, ...]."""
-        self._combat, self._sides, self._rules, self._starts, self._layout = combat, sides, rules, starts, layout
+        self._combat, self._sides, self._rules, self._starts, self._layout = (
+            combat,
+            sides,
+            rules,
+            starts,
+            layout,
+        )
         self._kinds = kind_of(sides[DEFENDER]), kind_of(sides[ATTACKER])
         self._scripted = [scripted_numbers(side, role) for role, side in enumerate(sides)]
-        self._words = [np.stack([content_words(player.identity) for player in side]) for side in sides]
+        self._words = [
+            np.stack([content_words(player.identity) for player in side]) for side in sides
+        ]
         self._queue = tiles(wanted, layout, rules.episodes)
         self._fights = int(wanted.sum()) * rules.episodes
         self._left = np.where(wanted, rules.episodes, 0)
@@ -79,28 +89,43 @@ class Rectangle:
     @property
     def title(self) -> str:
         """Such as "35-256-128-4 against scripted pilots"."""
-        return " against ".join("-".join(map(str, kind.sizes)) or "scripted pilots" for kind in self._kinds)
+        return " against ".join(
+            "-".join(map(str, kind.sizes)) or "scripted pilots" for kind in self._kinds
+        )
 
     def prepare(self, per_device: int) -> None:
         """Bring the players to the devices, and compile for each of them."""
-        fly = jax.jit(build_fly(self._combat, self._kinds, self._layout, self._rules.stochastic), donate_argnums=0)
-        idle, needed = idle_lanes(self._combat, self._layout), -(-self._fights // self._layout.lanes)
+        fly = jax.jit(
+            build_fly(self._combat, self._kinds, self._layout, self._rules.stochastic),
+            donate_argnums=0,
+        )
+        idle, needed = (
+            idle_lanes(self._combat, self._layout),
+            -(-self._fights // self._layout.lanes),
+        )
         nobody = np.zeros(self._layout.lanes, bool)
         for device in jax.local_devices()[:needed]:
             crews = tuple(jax.device_put(stack(side), device) for side in self._sides)
             compiled: Any = None
             for _ in range(min(per_device, needed)):
-                schedule = Schedule(self._layout, self._queue, [number < 0 for number in self._scripted])
+                schedule = Schedule(
+                    self._layout, self._queue, [number < 0 for number in self._scripted]
+                )
                 batch = Batch(schedule, fly, jax.device_put(idle, device), crews, device)
                 if compiled is None:
-                    compiled = fly.lower(batch.lanes, *self._inputs(batch, self._orders(schedule, nobody))).compile()
+                    compiled = fly.lower(
+                        batch.lanes, *self._inputs(batch, self._orders(schedule, nobody))
+                    ).compile()
                 self._batches.append(batch._replace(fly=compiled))
 
     def fly(self) -> Iterator[Harvest]:
         """Keep every batch in the air until all fights are over."""
         # A thread for each: what one thread dispatches to a CPU runs one after the other.
         with ThreadPoolExecutor(len(self._batches)) as pool:
-            flying = {pool.submit(self._call, batch, self._board(batch.schedule)): batch for batch in self._batches}
+            flying = {
+                pool.submit(self._call, batch, self._board(batch.schedule)): batch
+                for batch in self._batches
+            }
             while flying:
                 for future in wait(flying, return_when=FIRST_COMPLETED).done:
                     lanes, cause, steps = future.result()
@@ -133,7 +158,9 @@ class Rectangle:
         for role, crew in enumerate(batch.crews):
             blocks = batch.schedule.blocks(role)
             pilot = self._scripted[role][batch.schedule.player[role]]
-            policies = None if crew is None else _take(crew, jax.device_put(blocks.player, batch.device))
+            policies = (
+                None if crew is None else _take(crew, jax.device_put(blocks.player, batch.device))
+            )
             every: Any = (policies, blocks.rows, blocks.seat, pilot)
             sides.append(Side(*every))
         return jax.device_put((orders, tuple(sides)), batch.device)
@@ -149,7 +176,10 @@ class Rectangle:
         np.subtract.at(self._left, where[:2], 1)
         touched = np.unique(np.stack(where[:2]), axis=1).T.tolist()
         done = [(row, column) for row, column in touched if self._left[row, column] == 0]
-        return Harvest([Cell(*cell, self._cause[cell].copy(), self._steps[cell].copy()) for cell in done], fights)
+        return Harvest(
+            [Cell(*cell, self._cause[cell].copy(), self._steps[cell].copy()) for cell in done],
+            fights,
+        )
 
 
 @jax.jit

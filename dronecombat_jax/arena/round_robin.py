@@ -1,8 +1,10 @@
-"""The round robin: every attacker against every defender, E fights a cell, cell by cell as they are done.
+"""The round robin: every attacker against every defender, E fights a cell, cell by cell as they are
+done.
 
-Fights wait in a queue for the lanes of small batches; a batch flies a few control steps in one call of a compiled
-program, then the fights that ended give up their lanes. An outcome depends on the two players, the episode and the
-seed, and not on batches, devices, cores, order or who else takes part. What does not live here: where players come from and where results go (`runs`), ratings.
+Fights wait in a queue for the lanes of small batches; a batch flies a few control steps in one call
+of a compiled program, then the fights that ended give up their lanes. An outcome depends on the two
+players, the episode and the seed, and not on batches, devices, cores, order or who else takes part.
+What does not live here: where players come from and where results go (`runs`), ratings.
 """
 
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -19,7 +21,8 @@ from dronecombat_jax.arena.rectangle import Harvest, Rectangle, Rules
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.machine import backend
 
-# Lanes that fit a core's cache, blocks that are nearly full: benchmarks/tournament.py. An accelerator wants width.
+# Lanes that fit a core's cache, blocks that are nearly full: benchmarks/tournament.py. An
+# accelerator wants width.
 CPU_LAYOUT = Layout(lanes=512, block=16, blocks=44)
 ACCELERATOR_LAYOUT = Layout(lanes=8192, block=32, blocks=384)
 ACCELERATOR_BATCHES = 2  # one flies while the host harvests the other
@@ -38,9 +41,11 @@ def play(
     batches: int | None = None,
     compiling: Compiling = lambda what: nullcontext(),
 ) -> Generator[Harvest, None, None]:
-    """Fly the cells `wanted` [D, A] (default: all); one `Harvest` a call, so that the caller may stop between two.
+    """Fly the cells `wanted` [D, A] (default: all); one `Harvest` a call, so that the caller may
+    stop between two.
 
-    `batches` in the air on each device; by default as many as there are cores. `compiling` is entered to compile.
+    `batches` in the air on each device; by default as many as there are cores. `compiling` is
+    entered to compile.
     """
     wanted = np.ones((len(defenders), len(attackers)), bool) if wanted is None else wanted
     draw = jax.jit(lambda seed: start_states(combat, seed, rules.episodes))
@@ -54,7 +59,8 @@ def play(
         for harvest in rectangle.fly():
             yield harvest._replace(
                 cells=[
-                    one._replace(defender=rows[one.defender], attacker=columns[one.attacker]) for one in harvest.cells
+                    one._replace(defender=rows[one.defender], attacker=columns[one.attacker])
+                    for one in harvest.cells
                 ]
             )
 
@@ -79,6 +85,16 @@ def _rectangles(
             cells = wanted[np.ix_(rows, columns)]
             if cells.any():  # without the players who have flown all of theirs
                 yield (
-                    [row for row, some in zip(rows, np.atleast_1d(cells.any(axis=1)), strict=True) if some],
-                    [column for column, some in zip(columns, np.atleast_1d(cells.any(axis=0)), strict=True) if some],
+                    [
+                        row
+                        for row, some in zip(rows, np.atleast_1d(cells.any(axis=1)), strict=True)
+                        if some
+                    ],
+                    [
+                        column
+                        for column, some in zip(
+                            columns, np.atleast_1d(cells.any(axis=0)), strict=True
+                        )
+                        if some
+                    ],
                 )

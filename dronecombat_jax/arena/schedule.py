@@ -1,6 +1,8 @@
-"""Who flies where in one batch of a round robin: the waiting fights, the lanes they take, the blocks of one policy.
+"""Who flies where in one batch of a round robin: the waiting fights, the lanes they take, the
+blocks of one policy.
 
-NumPy on the host, between two calls of the program (`lanes`). Nothing in here can change an outcome.
+NumPy on the host, between two calls of the program (`lanes`). Nothing in here can change an
+outcome.
 """
 
 import math
@@ -30,11 +32,13 @@ class Blocks(NamedTuple):
 
     player: NDArray[np.integer]  # [blocks] whose policy flies the block; 0 for an empty one
     rows: NDArray[np.integer]  # [blocks, block] the lane on each seat; 0 on an empty one
-    seat: NDArray[np.integer]  # [L] the seat of each lane, counted through all blocks; 0 for a lane without one
+    # [L] the seat of each lane, counted through all blocks; 0 for a lane without one
+    seat: NDArray[np.integer]
 
 
 def tiles(wanted: NDArray[np.bool_], layout: Layout, episodes: int) -> Iterator[deque[Fight]]:
-    """The fights of all cells `wanted` [D, A], in squares of about as many fights as a batch has lanes.
+    """The fights of all cells `wanted` [D, A], in squares of about as many fights as a batch has
+    lanes.
 
     A square has few players, so that most blocks are full.
     """
@@ -43,13 +47,17 @@ def tiles(wanted: NDArray[np.bool_], layout: Layout, episodes: int) -> Iterator[
         for column in range(0, wanted.shape[1], side):
             cells = np.argwhere(wanted[row : row + side, column : column + side]).tolist()
             if cells:
-                yield deque(Fight(row + d, column + a, e) for d, a in cells for e in range(episodes))
+                yield deque(
+                    Fight(row + d, column + a, e) for d, a in cells for e in range(episodes)
+                )
 
 
 class Schedule:
     """The lanes of one batch; takes tiles from `queue`, which batches share."""
 
-    def __init__(self, layout: Layout, queue: Iterator[deque[Fight]], grouped: Sequence[NDArray[np.bool_]]):
+    def __init__(
+        self, layout: Layout, queue: Iterator[deque[Fight]], grouped: Sequence[NDArray[np.bool_]]
+    ):
         """`grouped` by role, [D] and [A]: whose lanes sit in blocks (those of policies)."""
         self.layout, self._queue, self._grouped = layout, queue, grouped
         self._waiting: deque[Fight] = deque()
@@ -64,7 +72,9 @@ class Schedule:
         return self.player[DEFENDER] != NOBODY
 
     def take_out(self, ended: NDArray[np.bool_]) -> tuple[NDArray, NDArray, NDArray]:
-        """Free the lanes `ended` [L]; defenders, attackers and episodes [n] of the fights that were there."""
+        """Free the lanes `ended` [L]; defenders, attackers and episodes [n] of the fights that were
+        there.
+        """
         lanes = np.flatnonzero(ended)
         for role in range(NUM_AGENTS):
             for player in self.player[role, lanes].tolist():
@@ -74,7 +84,9 @@ class Schedule:
         return out
 
     def fill(self) -> NDArray[np.bool_]:
-        """Seat waiting fights in free lanes while their players' blocks have room; [L] lanes that begin."""
+        """Seat waiting fights in free lanes while their players' blocks have room; [L] lanes that
+        begin.
+        """
         begin = np.zeros(self.layout.lanes, bool)
         for lane in np.flatnonzero(~self.busy):
             if not self._waiting:
@@ -118,4 +130,6 @@ class Schedule:
             return
         before = self._flying[role].get(player, 0)
         self._flying[role][player] = before + change
-        self._used[role] += -(-(before + change) // self.layout.block) - -(-before // self.layout.block)
+        self._used[role] += -(-(before + change) // self.layout.block) - -(
+            -before // self.layout.block
+        )

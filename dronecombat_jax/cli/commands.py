@@ -1,7 +1,7 @@
 """The command line: `dronecombat COMMAND`. One function per command, one line in COMMANDS.
 
-Commands read and check their flags before anything heavy is imported; JAX and MuJoCo are imported by
-the rooms they call. A user's mistake is one line on stderr and an exit code (`errors`).
+Commands read and check their flags before anything heavy is imported; JAX and MuJoCo are imported
+by the rooms they call. A user's mistake is one line on stderr and an exit code (`errors`).
 """
 
 import difflib
@@ -51,9 +51,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def usage() -> str:
     """What `dronecombat --help` prints."""
-    lines = [f"  {name:<10} {(command.__doc__ or '').splitlines()[0]}" for name, command in COMMANDS.items()]
+    lines = [
+        f"  {name:<10} {(command.__doc__ or '').splitlines()[0]}"
+        for name, command in COMMANDS.items()
+    ]
     return "\n".join(
-        ["usage: dronecombat COMMAND [flags]", "", *lines, "", "dronecombat COMMAND --help explains the flags."]
+        [
+            "usage: dronecombat COMMAND [flags]",
+            "",
+            *lines,
+            "",
+            "dronecombat COMMAND --help explains the flags.",
+        ]
     )
 
 

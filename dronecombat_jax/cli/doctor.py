@@ -1,6 +1,7 @@
 """`dronecombat doctor`: one table of what this machine can do, with a remedy for what it cannot.
 
-What does not live here: what is set up before JAX starts (`machine.backend`), and what only a run can tell.
+What does not live here: what is set up before JAX starts (`machine.backend`), and what only a run
+can tell.
 """
 
 import io
@@ -94,7 +95,9 @@ def _packages() -> str:
     """Every requirement of this package is there, in a version that it allows."""
     wrong = []
     requirements = [Requirement(text) for text in metadata.requires(DISTRIBUTION) or ()]
-    needed = [each for each in requirements if each.marker is None or each.marker.evaluate({"extra": ""})]
+    needed = [
+        each for each in requirements if each.marker is None or each.marker.evaluate({"extra": ""})
+    ]
     for requirement in needed:
         try:
             version = metadata.version(requirement.name)
@@ -118,7 +121,9 @@ def _devices() -> str:
     backend.require_start()
     import jax
 
-    return ", ".join(f"{device.platform}:{device.id} ({device.device_kind})" for device in jax.devices())
+    return ", ".join(
+        f"{device.platform}:{device.id} ({device.device_kind})" for device in jax.devices()
+    )
 
 
 def _physics() -> str:
@@ -163,7 +168,9 @@ def _video() -> str:
         stream = film.add_stream("libx264", rate=25)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for shade in range(4):
-            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 60 * shade, np.uint8), format="rgb24")
+            frame = av.VideoFrame.from_ndarray(
+                np.full((48, 64, 3), 60 * shade, np.uint8), format="rgb24"
+            )
             film.mux(stream.encode(frame))
         film.mux(stream.encode())
     return f"PyAV {metadata.version('av')} encodes H.264"
@@ -176,12 +183,17 @@ def _runs() -> str:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(b"dronecombat")
     except OSError as error:
-        raise Failed(f"{folder.absolute()}: {error.strerror}", "train --run.directory FOLDER") from None
+        raise Failed(
+            f"{folder.absolute()}: {error.strerror}", "train --run.directory FOLDER"
+        ) from None
     return f"{folder.absolute()}: {shutil.disk_usage(folder).free / 2**30:.1f} GiB free"
 
 
 def _cache() -> str:
     folder = os.environ.get("JAX_COMPILATION_CACHE_DIR")
     if folder is None:
-        raise Failed(f"{backend.cache_dir()}: cannot be written", "set DRONECOMBAT_CACHE to a folder of yours")
+        raise Failed(
+            f"{backend.cache_dir()}: cannot be written",
+            "set DRONECOMBAT_CACHE to a folder of yours",
+        )
     return folder

@@ -23,12 +23,20 @@ class EvaluateFlags:
 
     run: str = setting("", "the run: its folder, or its name in runs/")
     fights: int = setting(0, "number of fights; 0: run.evaluation_fights", low=0, high=10**6)
-    chunk: int = setting(-1, "which checkpoint, counted from the untrained one; -1: the newest", low=-1, high=10**9)
+    chunk: int = setting(
+        -1, "which checkpoint, counted from the untrained one; -1: the newest", low=-1, high=10**9
+    )
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
-    stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
-    defender: str = setting("", "a scripted pilot in the defender's place, such as hover or hover_guard")
+    stochastic: bool = setting(
+        False, "draw the actions, as in training, instead of taking their mean"
+    )
+    defender: str = setting(
+        "", "a scripted pilot in the defender's place, such as hover or hover_guard"
+    )
     attacker: str = setting("", "a scripted pilot in the attacker's place, such as dash or weave")
-    spawn: Literal["as_trained", "fixed", "uniform"] = setting("as_trained", "where the fights start")
+    spawn: Literal["as_trained", "fixed", "uniform"] = setting(
+        "as_trained", "where the fights start"
+    )
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
 
 
@@ -37,9 +45,13 @@ class ExportFlags:
     """Write one policy of a run to one file: .safetensors (opens with NumPy alone) or .onnx."""
 
     run: str = setting("", "the run: its folder, or its name in runs/")
-    out: str = setting("", "the file to write, ending in .safetensors or .onnx; also without --out, after RUN")
+    out: str = setting(
+        "", "the file to write, ending in .safetensors or .onnx; also without --out, after RUN"
+    )
     role: Literal["defender", "attacker"] = setting("attacker", "whose policy")
-    chunk: int = setting(-1, "which checkpoint, counted from the untrained one; -1: the newest", low=-1, high=10**9)
+    chunk: int = setting(
+        -1, "which checkpoint, counted from the untrained one; -1: the newest", low=-1, high=10**9
+    )
     seed: int = setting(-1, "which of the run's seeds; -1: the only one", low=-1, high=2**31 - 1)
     force: bool = setting(False, "replace a file that is there already")
 
@@ -53,7 +65,9 @@ def evaluate(args: Sequence[str]) -> int:
 
     chunk = None if given.chunk < 0 else given.chunk
     spawn = "" if given.spawn == "as_trained" else given.spawn
-    match = evaluation.Match(given.fights, given.seed, given.stochastic, given.defender, given.attacker, spawn)
+    match = evaluation.Match(
+        given.fights, given.seed, given.stochastic, given.defender, given.attacker, spawn
+    )
     return evaluation.evaluate(run, match, chunk)
 
 
@@ -63,7 +77,9 @@ def export(args: Sequence[str]) -> int:
     given: ExportFlags = flags.read(ExportFlags, _with_out_named(args), prog, positional="run")
     out = Path(given.out)
     if out.suffix not in POLICY_SUFFIXES:
-        raise UserError(f"the file to write must end in {' or '.join(POLICY_SUFFIXES)}: {prog} RUN policy.safetensors")
+        raise UserError(
+            f"the file to write must end in {' or '.join(POLICY_SUFFIXES)}: {prog} RUN policy.safetensors"
+        )
     run = find_run(given.run)
     prepare("cpu")  # nothing is computed
     from dronecombat_jax.runs import export as exporter
@@ -74,7 +90,9 @@ def export(args: Sequence[str]) -> int:
 
 
 def _with_out_named(args: Sequence[str]) -> list[str]:
-    """The words of `export RUN out.onnx` as `export RUN --out out.onnx`: known by its suffix, or by following RUN."""
+    """The words of `export RUN out.onnx` as `export RUN --out out.onnx`: known by its suffix, or by
+    following RUN.
+    """
     words: list[str] = []
     for word in args:
         second = len(words) == 1 and not words[0].startswith("-")

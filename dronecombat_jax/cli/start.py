@@ -10,7 +10,9 @@ from dronecombat_jax.config.fields import Config
 
 
 def rate_on_one_core() -> None:
-    """Ratings solve small systems: OpenBLAS's second thread waits a hundred times their length on a busy machine."""
+    """Ratings solve small systems: OpenBLAS's second thread waits a hundred times their length on a
+    busy machine.
+    """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy is imported
 
 
@@ -26,5 +28,7 @@ def prepare(device: str, config: Config | None = None) -> None:
         from dronecombat_jax.machine import processes
 
         return backend.prepare(device, 1, lambda: processes.join(config.run.join_seconds))
-    seeds, environments = devices.mesh_shape(config.train.num_seeds, config.run.devices, backend.cores())
+    seeds, environments = devices.mesh_shape(
+        config.train.num_seeds, config.run.devices, backend.cores()
+    )
     backend.prepare(device, seeds * environments)

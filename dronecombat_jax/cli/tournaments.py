@@ -16,19 +16,30 @@ from dronecombat_jax.errors import UserError
 class TournamentFlags:
     """Every attacker against every defender of the ENTRANTS before the flags, and how they rate.
 
-    An entrant is a run (its folder, or its name in runs/), a policy file (.safetensors), scripted:NAME or scripted:all.
+    An entrant is a run (its folder, or its name in runs/), a policy file (.safetensors),
+    scripted:NAME or scripted:all.
     """
 
-    episodes: int = setting(5, "fights of each pair; fight e starts alike for all pairs", low=1, high=10**5)
+    episodes: int = setting(
+        5, "fights of each pair; fight e starts alike for all pairs", low=1, high=10**5
+    )
     every: int = setting(1, "of a run every n-th chunk, and the last", low=1, high=10**6)
-    untrained: bool = setting(False, "of a run also the players that it began with; the paper's are chunk ends alone")
+    untrained: bool = setting(
+        False, "of a run also the players that it began with; the paper's are chunk ends alone"
+    )
     name: str = setting("", "folder in tournaments/ (default: the names of the runs)")
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
-    stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
-    flights: int = setting(0, "fights to record of each run's two sides of one chunk: how they fly", low=0, high=10**4)
+    stochastic: bool = setting(
+        False, "draw the actions, as in training, instead of taking their mean"
+    )
+    flights: int = setting(
+        0, "fights to record of each run's two sides of one chunk: how they fly", low=0, high=10**4
+    )
     mjcf: str = setting("", "the MJCF that was trained with, where no run says where it is")
     skip_bad: bool = setting(False, "leave out what cannot be read, and exit with 5")
-    allow_env_mismatch: bool = setting(False, "let policies of another game fly in that of the first")
+    allow_env_mismatch: bool = setting(
+        False, "let policies of another game fly in that of the first"
+    )
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
 
 
@@ -36,26 +47,40 @@ class TournamentFlags:
 class ReportFlags:
     """Draw a tournament: the paper's figures and more, tables, and one page that shows them all."""
 
-    tournament: str = setting("", "the tournament: its folder, its name in tournaments/, or a result file")
+    tournament: str = setting(
+        "", "the tournament: its folder, its name in tournaments/, or a result file"
+    )
     out: str = setting("", "folder to write to (default: report/ in the tournament's folder)")
 
 
 @dataclass(frozen=True)
 class CompareFlags:
-    """Does one method's final defender beat another's? All RUNS before the flags meet in one tournament.
+    """Does one method's final defender beat another's? All RUNS before the flags meet in one
+    tournament.
 
-    Every RUN is a folder, or a name in runs/. The scripted pilots take part as anchors. Flown is what the answer and
-    its figures rest on: final defenders against everybody, each run against itself, scripted pilots against final ones.
+    Every RUN is a folder, or a name in runs/. The scripted pilots take part as anchors. Flown is
+    what the answer and its figures rest on: final defenders against everybody, each run against
+    itself, scripted pilots against final ones.
     """
 
-    by: str = setting("method", "what parts the runs: method, preset, run, or a setting such as train.total_steps")
-    tournament: str = setting("", "its folder in tournaments/ (default: compare- and the runs); alone: judge it again")
-    every: int = setting(10, "a run's attackers on the panel: every n-th chunk's, and the last", low=1, high=10**6)
+    by: str = setting(
+        "method", "what parts the runs: method, preset, run, or a setting such as train.total_steps"
+    )
+    tournament: str = setting(
+        "", "its folder in tournaments/ (default: compare- and the runs); alone: judge it again"
+    )
+    every: int = setting(
+        10, "a run's attackers on the panel: every n-th chunk's, and the last", low=1, high=10**6
+    )
     episodes: int = setting(50, "fights of each pair", low=1, high=10**5)
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
-    stochastic: bool = setting(False, "draw the actions, as in training, instead of taking their mean")
+    stochastic: bool = setting(
+        False, "draw the actions, as in training, instead of taking their mean"
+    )
     skip_bad: bool = setting(False, "leave out what cannot be read, and exit with 5")
-    allow_env_mismatch: bool = setting(False, "let policies of another game fly in that of the first")
+    allow_env_mismatch: bool = setting(
+        False, "let policies of another game fly in that of the first"
+    )
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
 
 
@@ -89,7 +114,9 @@ def tournament(args: Sequence[str]) -> int:
 
 def report(args: Sequence[str]) -> int:
     """draw a tournament: figures, tables and one page"""
-    given: ReportFlags = flags.read(ReportFlags, args, "dronecombat report", positional="tournament")
+    given: ReportFlags = flags.read(
+        ReportFlags, args, "dronecombat report", positional="tournament"
+    )
     rate_on_one_core()
     prepare("cpu")
     from dronecombat_jax.report import tournament_report

@@ -25,10 +25,16 @@ SHORT_FLAGS = {
 class TrainFlags(Config):
     """Train attacker and defender. Defaults < preset < flags."""
 
-    preset: str = setting(DEFAULT_PRESET, f"one of {', '.join(settings.presets())}, or a .toml file")
+    preset: str = setting(
+        DEFAULT_PRESET, f"one of {', '.join(settings.presets())}, or a .toml file"
+    )
     print_config: bool = setting(False, "print every setting as TOML and stop")
-    fork: str = setting("", "name of a new run that begins from a checkpoint of the run --name, with other settings")
-    fork_chunk: int = setting(-1, "which checkpoint to fork (0: the untrained one); -1: the newest", low=-1, high=10**9)
+    fork: str = setting(
+        "", "name of a new run that begins from a checkpoint of the run --name, with other settings"
+    )
+    fork_chunk: int = setting(
+        -1, "which checkpoint to fork (0: the untrained one); -1: the newest", low=-1, high=10**9
+    )
 
 
 def train(args: Sequence[str]) -> int:

@@ -8,7 +8,9 @@ from dronecombat_jax.config.schema import settings_of
 
 def split_words(args: Sequence[str], cls: type) -> tuple[list[str], list[str]]:
     """The words that belong to no flag of `cls`, in order, and everything else."""
-    with_value = {settings.flag(key) for key, entry in settings_of(cls).items() if entry.kind != "bool"}
+    with_value = {
+        settings.flag(key) for key, entry in settings_of(cls).items() if entry.kind != "bool"
+    }
     words: list[str] = []
     rest: list[str] = []
     for word in args:

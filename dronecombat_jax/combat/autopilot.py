@@ -1,7 +1,7 @@
 """The autopilot of the scripted pilots: from a wanted acceleration to the game's wrench.
 
-In here: the geometric attitude controller and the limits of thrust and altitude. Not in here: where to fly
-(`scripted`).
+In here: the geometric attitude controller and the limits of thrust and altitude. Not in here: where
+to fly (`scripted`).
 """
 
 from collections.abc import Callable
@@ -17,7 +17,8 @@ from dronecombat_jax.sim.scene import Scene
 
 # Closed-loop pole of the attitude per control step: 0 is deadbeat, at 1 nothing happens.
 POLE = 0.4
-# The thrust keeps at least this much lift, over gravity: with less, a drone has to roll over before it can brake.
+# The thrust keeps at least this much lift, over gravity: with less, a drone has to roll over before
+# it can brake.
 MIN_LIFT = 0.15
 # A descent never gets faster than this braking can stop at this margin above the crash altitude.
 FLOOR_BRAKING = 2.5  # m/s^2
@@ -42,9 +43,10 @@ class Airframe(NamedTuple):
 def airframe(config: Config, scene: Scene, role: int) -> Airframe:
     """The body of `role`, and attitude gains placed in discrete time.
 
-    A held angular acceleration a moves angle and rate by (b a, h a) in a control step h of n substeps
-    of semi-implicit Euler, b = h^2 (n + 1) / 2n. With a = -(k_p angle + k_d rate) both poles lie at p if
-    k_p = (1 - p)^2 / h^2 and b k_p + h k_d = 2 (1 - p): stable however small the inertia is.
+    A held angular acceleration a moves angle and rate by (b a, h a) in a control step h of n
+    substeps of semi-implicit Euler, b = h^2 (n + 1) / 2n. With a = -(k_p angle + k_d rate) both
+    poles lie at p if k_p = (1 - p)^2 / h^2 and b k_p + h k_d = 2 (1 - p): stable however small the
+    inertia is.
     """
     sim, step = config.sim, config.control_dt
     gravity = float(scene.weight[role] / scene.mass[role])
@@ -64,7 +66,8 @@ def airframe(config: Config, scene: Scene, role: int) -> Airframe:
 
 
 def steer(body: Airframe, quaternion: jax.Array, rate: jax.Array, force: jax.Array) -> jax.Array:
-    """Action [E, 4] that turns the thrust to `force` [E, 3], a wanted thrust over mass in m/s^2, world frame.
+    """Action [E, 4] that turns the thrust to `force` [E, 3], a wanted thrust over mass in m/s^2,
+    world frame.
 
     Thrust is the wanted force along the present body z. The moment turns body z towards it on the
     shortest way (Lee, Leok, McClamroch 2010, without a heading) and cancels the gyroscopic torque.
@@ -83,8 +86,11 @@ def steer(body: Airframe, quaternion: jax.Array, rate: jax.Array, force: jax.Arr
     return jnp.clip(jnp.concatenate([thrust, moment / body.moment_scale], axis=-1), -1.0, 1.0)
 
 
-def attainable(body: Airframe, altitude: jax.Array, climb: jax.Array, acceleration: jax.Array) -> jax.Array:
-    """Thrust over mass [E, 3] nearest to a wanted `acceleration` [E, 3]: altitude first, then the way.
+def attainable(
+    body: Airframe, altitude: jax.Array, climb: jax.Array, acceleration: jax.Array
+) -> jax.Array:
+    """Thrust over mass [E, 3] nearest to a wanted `acceleration` [E, 3]: altitude first, then the
+    way.
 
     `altitude` [E] m and `climb` [E] m/s: a descent that could not end above the floor is braked.
     """

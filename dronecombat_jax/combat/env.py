@@ -41,8 +41,11 @@ class Combat:
 
     @cached_property
     def _fly(self) -> Step:
-        """One control step in MJX: made when it is first flown, since to import MJX and to load the model take a second."""
-        with jax.ensure_compile_time_eval():  # constants, also where that is inside a traced function
+        """One control step in MJX: made when it is first flown, since to import MJX and to load the
+        model take a second.
+        """
+        with jax.ensure_compile_time_eval():
+            # constants, also where that is inside a traced function
             return build_step(self.config.sim, self.scene)
 
     def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
@@ -57,19 +60,28 @@ class Combat:
     def spawn(self, draws: jax.Array) -> EnvState:
         """A fight about to start, from `draws` [9] in [0, 1).
 
-        In `solo` the attacker flies alone; the defender stands still at its start and takes no part.
+        In `solo` the attacker flies alone; the defender stands still at its start and takes no
+        part.
         """
         game = self.config.game
         draws = draws.reshape(3, 3)
-        altitude = game.spawn_altitude_low + draws[:, 2] * (game.spawn_altitude_high - game.spawn_altitude_low)
+        altitude = game.spawn_altitude_low + draws[:, 2] * (
+            game.spawn_altitude_high - game.spawn_altitude_low
+        )
         offset = 2.0 * draws[:, :2] - 1.0
-        spread = [[max(game.spawn_spread, game.defender_spread)], [game.spawn_spread], [game.spawn_spread]]
+        spread = [
+            [max(game.spawn_spread, game.defender_spread)],
+            [game.spawn_spread],
+            [game.spawn_spread],
+        ]
         plane = jnp.asarray(START) + jnp.asarray(spread) * offset
         if game.spawn == "uniform":
             plane = ARENA_HALF_WIDTH * offset
         positions = jnp.concatenate([plane, altitude[:, None]], axis=-1)
         level = jnp.asarray([1.0, 0.0, 0.0, 0.0])
-        pose = jnp.concatenate([positions[:NUM_AGENTS], jnp.broadcast_to(level, (NUM_AGENTS, 4))], axis=-1)
+        pose = jnp.concatenate(
+            [positions[:NUM_AGENTS], jnp.broadcast_to(level, (NUM_AGENTS, 4))], axis=-1
+        )
         return EnvState(
             qpos=pose.reshape(-1),
             qvel=jnp.zeros(6 * NUM_AGENTS),
@@ -79,18 +91,24 @@ class Combat:
         )
 
     def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
-        """A fight about to start in training, from `draws` of `draw_exploring`; `alone` [] bool: the defender is absent.
+        """A fight about to start in training, from `draws` of `draw_exploring`; `alone` [] bool:
+        the defender is absent.
 
-        Up to `train.start_speed` m/s along x and along y, each drone already moves: exploring starts (Sutton and
-        Barto, section 5.3). The fights that count, in evaluations and tournaments, `spawn` at rest.
+        Up to `train.start_speed` m/s along x and along y, each drone already moves: exploring
+        starts (Sutton and Barto, section 5.3). The fights that count, in evaluations and
+        tournaments, `spawn` at rest.
         """
         state = self.spawn(draws[:POSITION_DRAWS])
         state = state.replace(out=state.out | jnp.stack([alone, jnp.zeros((), bool)]))
         if self.config.train.start_speed == 0.0:
             return state
-        over_ground = self.config.train.start_speed * (2.0 * draws[POSITION_DRAWS:].reshape(NUM_AGENTS, 2) - 1.0)
+        over_ground = self.config.train.start_speed * (
+            2.0 * draws[POSITION_DRAWS:].reshape(NUM_AGENTS, 2) - 1.0
+        )
         over_ground = jnp.where(state.out[:, None], 0.0, over_ground)
-        return state.replace(qvel=state.qvel.reshape(NUM_AGENTS, 6).at[:, :2].set(over_ground).reshape(-1))
+        return state.replace(
+            qvel=state.qvel.reshape(NUM_AGENTS, 6).at[:, :2].set(over_ground).reshape(-1)
+        )
 
     def reset(self, key: jax.Array) -> EnvState:
         """A fight about to start, drawn from `key`."""
@@ -101,12 +119,14 @@ class Combat:
         return self._observe(split(state.qpos, state.qvel), state.target)
 
     def step(self, state: EnvState, action: jax.Array) -> tuple[EnvState, StepOutput]:
-        """Fly one control step with `action` [A, 4]. Does not reset: a fight that ended must be replaced.
+        """Fly one control step with `action` [A, 4]. Does not reset: a fight that ended must be
+        replaced.
 
-        A state that is not finite ends this fight alone, as a draw with reward 0 (cause DIVERGED), at
-        rest where it last was: its final observation is finite and cannot spoil a running mean.
-        A drone that still flies and whose action is not finite loses the fight (cause .._INVALID), with
-        reward 0 for both: it flies on 0 in place of what was not finite. Finite actions are clipped.
+        A state that is not finite ends this fight alone, as a draw with reward 0 (cause DIVERGED),
+        at rest where it last was: its final observation is finite and cannot spoil a running mean.
+        A drone that still flies and whose action is not finite loses the fight (cause .._INVALID),
+        with reward 0 for both: it flies on 0 in place of what was not finite. Finite actions are
+        clipped.
         """
         game = self.config.game
         before = split(state.qpos, state.qvel)

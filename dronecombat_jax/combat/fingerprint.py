@@ -31,7 +31,9 @@ def observation_fields(observation: str) -> tuple[tuple[str, int], ...]:
     """Name and length of each part of the observation, in order; `observation` as in `GameConfig`."""
     if observation == "world":
         return LAYOUT
-    return tuple((name.replace("_d", "_self").replace("_a", "_other"), size) for name, size in LAYOUT)
+    return tuple(
+        (name.replace("_d", "_self").replace("_a", "_other"), size) for name, size in LAYOUT
+    )
 
 
 def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:

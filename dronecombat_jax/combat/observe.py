@@ -22,7 +22,9 @@ def observe_world(drones: Drones, target: jax.Array) -> jax.Array:
     drone's body frame. `drones` fields are [A, ...], `target` is [3] m.
     """
     velocity = rotate_inverse(drones.quaternion, drones.velocity)
-    gravity = rotate_inverse(drones.quaternion, jnp.broadcast_to(jnp.asarray(DOWN), (NUM_AGENTS, 3)))
+    gravity = rotate_inverse(
+        drones.quaternion, jnp.broadcast_to(jnp.asarray(DOWN), (NUM_AGENTS, 3))
+    )
     pose = jnp.concatenate([drones.position, drones.quaternion], axis=-1).reshape(-1)
     twist = jnp.concatenate([velocity, drones.rate], axis=-1).reshape(-1)
     row = jnp.concatenate([pose, target, twist, gravity.reshape(-1)])
@@ -30,7 +32,8 @@ def observe_world(drones: Drones, target: jax.Array) -> jax.Array:
 
 
 def observe_ego(drones: Drones, target: jax.Array) -> jax.Array:
-    """Observation [A, 35], each row in the observing drone's own body frame: self first, then the other.
+    """Observation [A, 35], each row in the observing drone's own body frame: self first, then the
+    other.
 
     Own position and quaternion stay in the world frame (altitude and attitude are absolute); the
     other's position and the target are relative and rotated into the own frame, as are the

@@ -13,13 +13,18 @@ from dronecombat_jax.types import DEFENDER, NUM_AGENTS, Cause, Drones, RewardTer
 
 
 def reward_terms(
-    config: Config, drones: Drones, target: jax.Array, events: Events, out: jax.Array, cause: jax.Array
+    config: Config,
+    drones: Drones,
+    target: jax.Array,
+    events: Events,
+    out: jax.Array,
+    cause: jax.Array,
 ) -> RewardTerms:
     """Each term [A], weighted and signed, for the state after a control step.
 
-    `drones` fields [A, ...]; `target` [3] m; `out` [A]: down before the step; `cause` []: a `Cause`.
-    A drone that is out earns no dense reward, unless `crash_rule` is "grounded": then it lies
-    there, is rewarded as ever and pays the crash penalty at every step.
+    `drones` fields [A, ...]; `target` [3] m; `out` [A]: down before the step; `cause` []: a
+    `Cause`. A drone that is out earns no dense reward, unless `crash_rule` is "grounded": then it
+    lies there, is rewarded as ever and pays the crash penalty at every step.
     """
     weights, game = config.reward, config.game
     scale = config.control_dt if weights.time_scaled else 1.0
@@ -36,12 +41,18 @@ def reward_terms(
     intercept, reached = is_cause(Cause.INTERCEPT), is_cause(Cause.REACHED)
     timeout = is_cause(Cause.TIMEOUT) * float(timeout_decides(game))
     win = weights.win * jnp.stack([intercept, reached])
-    win = win + weights.crash_win * jnp.stack([is_cause(Cause.ATTACKER_CRASH), is_cause(Cause.DEFENDER_CRASH)])
+    win = win + weights.crash_win * jnp.stack(
+        [is_cause(Cause.ATTACKER_CRASH), is_cause(Cause.DEFENDER_CRASH)]
+    )
     pays_crash = events.down if grounded else events.crashed
     terms = RewardTerms(
         approach=dense * approach,
-        linear_velocity=-dense * weights.linear_velocity_penalty * jnp.sum(drones.velocity**2, axis=-1),
-        angular_velocity=-dense * weights.angular_velocity_penalty * jnp.sum(drones.rate**2, axis=-1),
+        linear_velocity=-dense
+        * weights.linear_velocity_penalty
+        * jnp.sum(drones.velocity**2, axis=-1),
+        angular_velocity=-dense
+        * weights.angular_velocity_penalty
+        * jnp.sum(drones.rate**2, axis=-1),
         win=win,
         lose=-jnp.stack([weights.lose * reached, weights.intercepted * intercept]),
         crash=-weights.crash_penalty * pays_crash.astype(jnp.float32),

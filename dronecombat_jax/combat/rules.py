@@ -31,12 +31,18 @@ def closest_approach(start: jax.Array, end: jax.Array) -> jax.Array:
 
 
 def detect(
-    game: GameConfig, before: jax.Array, after: jax.Array, target: jax.Array, out: jax.Array, clock: jax.Array
+    game: GameConfig,
+    before: jax.Array,
+    after: jax.Array,
+    target: jax.Array,
+    out: jax.Array,
+    clock: jax.Array,
 ) -> Events:
     """Find the events of a control step.
 
     `before`, `after` [A, 3] m: positions at its ends; `target` [3] m; `out` [A] bool: down before
-    the step, so neither strikes, is struck nor crashes again; `clock` []: steps flown, this one included.
+    the step, so neither strikes, is struck nor crashes again; `clock` []: steps flown, this one
+    included.
     """
     if not game.swept_events:
         before = after
@@ -53,12 +59,15 @@ def detect(
 
 
 def judge(game: GameConfig, events: Events) -> jax.Array:
-    """The `Cause` [] int32 that ends the fight in this step, or NONE; the first of simultaneous events counts."""
+    """The `Cause` [] int32 that ends the fight in this step, or NONE; the first of simultaneous
+    events counts.
+    """
     defender_crash, attacker_crash = events.crashed[DEFENDER], events.crashed[ATTACKER]
     both_crash = defender_crash & attacker_crash
     if game.crash_rule == "out":  # the attacker flies on alone, and fails with its own crash
         defender_crash = jnp.zeros_like(defender_crash)
-    if game.crash_rule == "grounded" and game.scenario == "duel":  # the fight lasts until both lie there
+    if game.crash_rule == "grounded" and game.scenario == "duel":
+        # the fight lasts until both lie there
         both_crash = jnp.all(events.down)
         defender_crash = attacker_crash = jnp.zeros_like(defender_crash)
     ordered = [
@@ -76,7 +85,9 @@ def judge(game: GameConfig, events: Events) -> jax.Array:
 
 
 def forfeit(invalid: jax.Array) -> jax.Array:
-    """The `Cause` [] int32 by which the sides that gave an `invalid` [A] action lose the fight; NONE where none did."""
+    """The `Cause` [] int32 by which the sides that gave an `invalid` [A] action lose the fight;
+    NONE where none did.
+    """
     defender, attacker = invalid[DEFENDER], invalid[ATTACKER]
     one = jnp.where(attacker, jnp.int32(Cause.ATTACKER_INVALID), jnp.int32(Cause.NONE))
     other = jnp.where(attacker, jnp.int32(Cause.BOTH_INVALID), jnp.int32(Cause.DEFENDER_INVALID))

@@ -1,7 +1,8 @@
-"""Scripted pilots: plain opponents that fly the game's own wrench, to measure learnt policies against.
+"""Scripted pilots: plain opponents that fly the game's own wrench, to measure learnt policies
+against.
 
-A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]`, as everywhere in
-a match; these read the state alone, draw nothing and remember nothing. In here: each
+A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]`, as
+everywhere in a match; these read the state alone, draw nothing and remember nothing. In here: each
 one's guidance, which answers with a wanted acceleration. Not in here: the controller that flies it
 (`autopilot`) and the fights (`arena`).
 """
@@ -12,7 +13,14 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.combat.autopilot import MIN_LIFT, VELOCITY_GAIN, Airframe, airframe, attainable, steer
+from dronecombat_jax.combat.autopilot import (
+    MIN_LIFT,
+    VELOCITY_GAIN,
+    Airframe,
+    airframe,
+    attainable,
+    steer,
+)
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
@@ -52,7 +60,8 @@ class Situation(NamedTuple):
     time: jax.Array  # [E] s since the start
 
 
-Guidance = Callable[[Airframe, Situation], jax.Array]  # -> wanted acceleration [E, 3] m/s^2, world frame
+# -> wanted acceleration [E, 3] m/s^2, world frame
+Guidance = Callable[[Airframe, Situation], jax.Array]
 
 
 def build_pilot(name: str, config: Config, scene: Scene, role: int | None = None) -> Pilot:
@@ -62,14 +71,18 @@ def build_pilot(name: str, config: Config, scene: Scene, role: int | None = None
     """
     for its_role, guidances in PILOTS.items():
         if name in guidances and role in (None, its_role):
-            return _pilot(its_role, guidances[name], airframe(config, scene, its_role), config.control_dt)
+            return _pilot(
+                its_role, guidances[name], airframe(config, scene, its_role), config.control_dt
+            )
     roles = PILOTS if role is None else (role,)
     names = "; ".join(f"{ROLES[there]}s: {', '.join(PILOTS[there])}" for there in roles)
     raise UserError(f"{one_line(name)}: no scripted pilot has this name ({names})")
 
 
 def one_per_fight(pilots: Sequence[Pilot], which: jax.Array) -> Pilot:
-    """Fight e is flown by `pilots[which[e]]`, `which` [E] int: many pairs in one program. All get the same key."""
+    """Fight e is flown by `pilots[which[e]]`, `which` [E] int: many pairs in one program. All get
+    the same key.
+    """
 
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
         actions = jnp.stack([pilot(state, observation, key) for pilot in pilots])
@@ -93,7 +106,15 @@ def _situation(drones: Drones, role: int, target: jax.Array, time: jax.Array) ->
     other = 1 - role
     up = body_z(drones.quaternion[:, other])
     position, velocity = drones.position, drones.velocity
-    return Situation(position[:, role], velocity[:, role], position[:, other], velocity[:, other], up, target, time)
+    return Situation(
+        position[:, role],
+        velocity[:, role],
+        position[:, other],
+        velocity[:, other],
+        up,
+        target,
+        time,
+    )
 
 
 # Attackers
@@ -105,7 +126,9 @@ def _dash(body: Airframe, now: Situation) -> jax.Array:
 
 
 def _weave(body: Airframe, now: Situation) -> jax.Array:
-    """Like dash, swinging from side to side until it is near; the phase comes from the target's altitude."""
+    """Like dash, swinging from side to side until it is near; the phase comes from the target's
+    altitude.
+    """
     way = now.target - now.position
     side = _unit(jnp.stack([-way[:, 1], way[:, 0], jnp.zeros_like(way[:, 0])], axis=-1))
     phase = WEAVE_RATE * now.time + WEAVE_PHASE * now.target[:, 2]
@@ -117,8 +140,9 @@ def _weave(body: Airframe, now: Situation) -> jax.Array:
 def _high_dive(body: Airframe, now: Situation) -> jax.Array:
     """Climb on the way in, then fall on the target from above.
 
-    It dives once the fall to the target takes as long as the way over ground, a little faster over ground
-    than that so that the choice stands; later its descent tells that it is diving: no memory is needed.
+    It dives once the fall to the target takes as long as the way over ground, a little faster over
+    ground than that so that the choice stands; later its descent tells that it is diving: no memory
+    is needed.
     """
     way = now.target - now.position
     over_ground = way.at[:, 2].set(0.0)
@@ -145,7 +169,9 @@ def _hover(body: Airframe, now: Situation) -> jax.Array:
 
 
 def _hover_guard(body: Airframe, now: Situation) -> jax.Array:
-    """Stand on the attacker's way, at the target in the end; hurry there if the attacker comes first."""
+    """Stand on the attacker's way, at the target in the end; hurry there if the attacker comes
+    first.
+    """
     line = now.other_position - now.target
     length = jnp.linalg.norm(line, axis=-1, keepdims=True)
     post = now.target + jnp.minimum(GUARD_DISTANCE, 0.5 * length) * _unit(line)
@@ -154,7 +180,12 @@ def _hover_guard(body: Airframe, now: Situation) -> jax.Array:
     stopping = jnp.minimum(GUARD_GAIN * distance, jnp.sqrt(2.0 * GUARD_BRAKING * distance))
     incoming = post - now.other_position
     closing = jnp.maximum(_dot(now.other_velocity, _unit(incoming)), 0.0)
-    hurried = GUARD_HURRY * distance * closing / jnp.maximum(jnp.linalg.norm(incoming, axis=-1, keepdims=True), 0.3)
+    hurried = (
+        GUARD_HURRY
+        * distance
+        * closing
+        / jnp.maximum(jnp.linalg.norm(incoming, axis=-1, keepdims=True), 0.3)
+    )
     return VELOCITY_GAIN * (jnp.maximum(stopping, hurried) * _unit(way) - now.velocity)
 
 
@@ -164,11 +195,12 @@ def _pure_pursuit(body: Airframe, now: Situation) -> jax.Array:
 
 
 def _proportional_navigation(body: Airframe, now: Situation) -> jax.Array:
-    """Augmented proportional navigation: turn with the line of sight, close under what thrust is left.
+    """Augmented proportional navigation: turn with the line of sight, close under what thrust is
+    left.
 
     Across the line of sight, N (v t + a t^2 / 2) / t^2 for the time to go t (Zarchan, "Tactical and
-    Strategic Missile Guidance"). The attacker's acceleration is read off its tilt: g tan(tilt) if it
-    holds its altitude.
+    Strategic Missile Guidance"). The attacker's acceleration is read off its tilt: g tan(tilt) if
+    it holds its altitude.
     """
     sight = now.other_position - now.position
     along = _unit(sight)
@@ -204,7 +236,9 @@ def _rush(body: Airframe, velocity: jax.Array, way: jax.Array) -> jax.Array:
 
 
 def _full_thrust(body: Airframe, along: jax.Array, across: jax.Array) -> jax.Array:
-    """Acceleration `across` + s `along` with the largest s that full thrust and the least lift allow."""
+    """Acceleration `across` + s `along` with the largest s that full thrust and the least lift
+    allow.
+    """
     held = across.at[:, 2].add(body.gravity)  # thrust over mass without the part along
     projection = _dot(held, along)
     room = projection**2 - _dot(held, held) + body.max_force**2

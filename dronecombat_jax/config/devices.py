@@ -1,6 +1,7 @@
 """How seeds and environments are spread over devices. Nothing imports JAX.
 
-What does not live here: the mesh itself (`selfplay.mesh`), and whether the devices exist (`machine.backend`).
+What does not live here: the mesh itself (`selfplay.mesh`), and whether the devices exist
+(`machine.backend`).
 """
 
 import math
@@ -11,16 +12,20 @@ MAX_DEVICES = 1024
 
 
 def spread(num_seeds: int, wanted: int, available: int) -> int:
-    """Devices that `num_seeds` seeds are spread over, the same number on each: `wanted`, or the most (0)."""
+    """Devices that `num_seeds` seeds are spread over, the same number on each: `wanted`, or the
+    most (0).
+    """
     most = min(num_seeds, available if wanted == 0 else wanted)
     return next(count for count in range(max(most, 1), 0, -1) if num_seeds % count == 0)
 
 
 def mesh_shape(num_seeds: int, wanted: int, available: int) -> tuple[int, int]:
-    """Devices along the seeds, and along the environments of each seed: in all `wanted`, or what serves best (0).
+    """Devices along the seeds, and along the environments of each seed: in all `wanted`, or what
+    serves best (0).
 
-    Seeds come first, the same number on each device: they never wait for each other. Environments of one seed are
-    spread only where more devices are asked for: on two cores one device does as well (docs/scaling.md).
+    Seeds come first, the same number on each device: they never wait for each other. Environments
+    of one seed are spread only where more devices are asked for: on two cores one device does as
+    well (docs/scaling.md).
     """
     if wanted == 0:
         return spread(num_seeds, 0, available), 1
@@ -41,7 +46,9 @@ def uneven_devices(config: Config, devices: int) -> str:
     if fits(devices):
         return ""
     shared, each = mesh_shape(seeds, devices, devices)
-    batches = f"{minibatch}" if defenders == minibatch else f"{minibatch} (the defender's: {defenders})"
+    batches = (
+        f"{minibatch}" if defenders == minibatch else f"{minibatch} (the defender's: {defenders})"
+    )
     counts = [str(count) for count in range(1, MAX_DEVICES + 1) if fits(count)]
     near = [count for count in counts if int(count) < devices][-2:] + [
         count for count in counts if int(count) > devices

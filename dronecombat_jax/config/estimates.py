@@ -24,11 +24,13 @@ _CGROUP = Path("/sys/fs/cgroup/memory.max")
 
 
 def estimated_bytes(config: Config) -> int:
-    """Memory for training, an estimate from below: rollout, physics, one mini-batch, learners, pool.
+    """Memory for training, an estimate from below: rollout, physics, one mini-batch, learners,
+    pool.
 
-    Floats of four bytes. A transition of an agent holds two observations (the final one is kept), an
-    action and ten scalars, and exists twice while a mini-batch is cut from it. A mini-batch holds three
-    activations per hidden unit in each of two networks. A learner holds weights and Adam's two moments.
+    Floats of four bytes. A transition of an agent holds two observations (the final one is kept),
+    an action and ten scalars, and exists twice while a mini-batch is cut from it. A mini-batch
+    holds three activations per hidden unit in each of two networks. A learner holds weights and
+    Adam's two moments.
     """
     learn, train = config.learn, config.train
     transitions = train.num_envs * learn.rollout_steps
@@ -41,7 +43,9 @@ def estimated_bytes(config: Config) -> int:
 
 
 def estimated_disk_bytes(config: Config) -> int:
-    """What a run will have written by its end: checkpoints that stay, past players, logs (an estimate from below)."""
+    """What a run will have written by its end: checkpoints that stay, past players, logs (an
+    estimate from below).
+    """
     train, chunks = config.train, config.num_chunks
     policy, value = _network_floats(config)
     fights = train.num_envs * FIGHT_FLOATS
@@ -57,11 +61,15 @@ def kept_checkpoints(config: Config) -> int:
     chunks = config.num_chunks
     if word == "last":
         return min(chunks + 1, max(number, KEPT_ANYWAY))
-    return len({*range(0, chunks + 1, number), *range(max(0, chunks + 1 - KEPT_ANYWAY), chunks + 1)})
+    return len(
+        {*range(0, chunks + 1, number), *range(max(0, chunks + 1 - KEPT_ANYWAY), chunks + 1)}
+    )
 
 
 def keep_rule(text: str) -> tuple[str, int] | None:
-    """`run.keep` as a word and a number: ("all", 1), ("every", N) or ("last", N); None where it is none of these."""
+    """`run.keep` as a word and a number: ("all", 1), ("every", N) or ("last", N); None where it is
+    none of these.
+    """
     if text == "all":
         return "all", 1
     match = _KEEP.fullmatch(text)
@@ -72,7 +80,11 @@ def free_bytes(path: Path) -> int | None:
     """Bytes free for `path` and what is below it already; None where that cannot be told."""
     try:
         existing = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
-        used = sum(file.stat().st_size for file in path.rglob("*") if file.is_file()) if path.is_dir() else 0
+        used = (
+            sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+            if path.is_dir()
+            else 0
+        )
         return shutil.disk_usage(existing).free + used
     except OSError:
         return None
@@ -105,7 +117,9 @@ def _network_floats(config: Config) -> tuple[int, int]:
 
 
 def _pool_floats(config: Config, policy: int) -> int:
-    """Of the past players: every chunk's start, and with scope "environment" one in each environment besides."""
+    """Of the past players: every chunk's start, and with scope "environment" one in each
+    environment besides.
+    """
     environments = config.train.num_envs if config.selfplay.scope == "environment" else 0
     return policy * _pool_roles(config) * (config.num_chunks + environments)
 

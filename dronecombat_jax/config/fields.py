@@ -1,14 +1,19 @@
 """Every setting of the project: frozen dataclasses with a unit, a range and one line each.
 
-What lives here: a whole run's settings, out of `game_fields` and `training_fields`; nothing imports JAX. What does not:
-reading TOML, merging flags and reporting errors (`settings`).
+What lives here: a whole run's settings, out of `game_fields` and `training_fields`; nothing imports
+JAX. What does not: reading TOML, merging flags and reporting errors (`settings`).
 """
 
 from dataclasses import dataclass, field
 
 from dronecombat_jax.config.game_fields import GameConfig, RewardConfig, SimConfig
 from dronecombat_jax.config.setting import setting
-from dronecombat_jax.config.training_fields import LearnConfig, RunConfig, SelfPlayConfig, TrainConfig
+from dronecombat_jax.config.training_fields import (
+    LearnConfig,
+    RunConfig,
+    SelfPlayConfig,
+    TrainConfig,
+)
 
 __all__ = [
     "Config",

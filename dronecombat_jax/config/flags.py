@@ -1,7 +1,8 @@
 """Command-line flags made from a dataclass of settings: tyro splits and explains, `schema` checks.
 
-Every flag reaches the same check as the same key in a file, so that both give the same message. What
-does not live here: the commands (`cli`). Nothing imports JAX; tyro is imported when flags are read.
+Every flag reaches the same check as the same key in a file, so that both give the same message.
+What does not live here: the commands (`cli`). Nothing imports JAX; tyro is imported when flags are
+read.
 """
 
 import contextlib
@@ -26,7 +27,8 @@ def parse(
     aliases: Mapping[str, str] | None = None,
     positional: str = "",
 ) -> tuple[dict[str, Any], list[str]]:
-    """The settings of `cls` that `args` give, by dotted key, unchecked, and a line per flag it lacks.
+    """The settings of `cls` that `args` give, by dotted key, unchecked, and a line per flag it
+    lacks.
 
     `aliases`: short flag by key. `positional`: the key given without a flag. Prints and leaves with
     SystemExit(0) for `--help`; UserError for a flag without its value.
@@ -39,14 +41,22 @@ def parse(
     try:
         with contextlib.redirect_stderr(errors):
             parsed, unknown = tyro.cli(
-                _mirror(cls, make), prog=prog, description=cls.__doc__, args=list(args), return_unknown_args=True
+                _mirror(cls, make),
+                prog=prog,
+                description=cls.__doc__,
+                args=list(args),
+                return_unknown_args=True,
             )
     except SystemExit as stop:
         if stop.code:
             raise UserError(_one_line(errors.getvalue())) from None
         raise
     words = {key: word for key, word in _leaves(parsed).items() if word is not None}
-    values = {key: schema[key].from_text(word) for key, word in words.items() if schema[key].kind != "bool"}
+    values = {
+        key: schema[key].from_text(word)
+        for key, word in words.items()
+        if schema[key].kind != "bool"
+    }
     values |= _switches(schema, words, args)
     schema.pop(positional, None)
     return values, _unknown_flags(unknown, list(args), schema, aliases or {})
@@ -56,14 +66,19 @@ def read(cls: type, args: Sequence[str], prog: str, *, positional: str = "") -> 
     """An instance of the flat dataclass `cls` from flags alone; UserError names every mistake."""
     values, errors = parse(cls, args, prog, positional=positional)
     schema = settings_of(cls)
-    given = {key: Given(value, key.upper() if key == positional else flag(key)) for key, value in values.items()}
+    given = {
+        key: Given(value, key.upper() if key == positional else flag(key))
+        for key, value in values.items()
+    }
     errors += check(given, schema)
     if errors:
         raise UserError("\n".join(errors))
     return cls(**{key: schema[key].normal(value) for key, value in values.items()})
 
 
-def _maker(schema: dict[str, Setting], aliases: dict[str, str], positional: str) -> Callable[[str], tuple[Any, Any]]:
+def _maker(
+    schema: dict[str, Setting], aliases: dict[str, str], positional: str
+) -> Callable[[str], tuple[Any, Any]]:
     """A function from a dotted key to the type and default that tyro shall see for it."""
     import tyro
 
@@ -73,7 +88,9 @@ def _maker(schema: dict[str, Setting], aliases: dict[str, str], positional: str)
             about = tyro.conf.arg(metavar=key.upper(), help=entry.doc, help_behavior_hint="")
             return Annotated[tyro.conf.Positional[str | None], about], None
         about = tyro.conf.arg(
-            metavar=None if entry.kind == "bool" else _METAVARS.get(entry.kind) or "{" + ",".join(entry.choices) + "}",
+            metavar=None
+            if entry.kind == "bool"
+            else _METAVARS.get(entry.kind) or "{" + ",".join(entry.choices) + "}",
             help=entry.explained,
             help_behavior_hint="" if entry.default == "" else f"(default: {_plain(entry.default)})",
             aliases=(aliases[key],) if key in aliases else None,
@@ -87,7 +104,9 @@ def _maker(schema: dict[str, Setting], aliases: dict[str, str], positional: str)
 
 
 def _mirror(cls: type, make: Callable[[str], tuple[Any, Any]], prefix: str = "") -> Any:
-    """A dataclass shaped like `cls` whose fields are the words of the command line, None where not given."""
+    """A dataclass shaped like `cls` whose fields are the words of the command line, None where not
+    given.
+    """
     hints, fields = get_type_hints(cls), []
     for item in dataclasses.fields(cls):
         hint = hints[item.name]
@@ -107,7 +126,9 @@ def _leaves(parsed: Any, prefix: str = "") -> dict[str, Any]:
     return found
 
 
-def _switches(schema: dict[str, Setting], words: dict[str, Any], args: Sequence[str]) -> dict[str, bool]:
+def _switches(
+    schema: dict[str, Setting], words: dict[str, Any], args: Sequence[str]
+) -> dict[str, bool]:
     """The on-off flags that were given; tyro does not tell a given one from its default."""
     present = {word.replace("_", "-") for word in args}
     return {
@@ -127,17 +148,28 @@ def _unknown_flags(
     unknown: list[str], args: list[str], schema: dict[str, Setting], aliases: Mapping[str, str]
 ) -> list[str]:
     """One line for every flag that does not exist and every word that belongs to no flag."""
-    switches = {name: key for key in schema if schema[key].kind == "bool" for name in (flag(key), _negated(key))}
+    switches = {
+        name: key
+        for key in schema
+        if schema[key].kind == "bool"
+        for name in (flag(key), _negated(key))
+    }
     errors, after_unknown = [], False
     for word in unknown:
         before = args[args.index(word) - 1].replace("_", "-") if word in args[1:] else ""
-        joined = next((arg.partition("=")[0] for arg in args if arg.endswith("=" + word)), "").replace("_", "-")
+        joined = next(
+            (arg.partition("=")[0] for arg in args if arg.endswith("=" + word)), ""
+        ).replace("_", "-")
         if word.startswith("-") and not word[1:2].isdigit():
             name = word.partition("=")[0]
-            errors.append(f"{one_line(name)}: unknown flag; {_flag_meant(name, list(schema), aliases)}")
+            errors.append(
+                f"{one_line(name)}: unknown flag; {_flag_meant(name, list(schema), aliases)}"
+            )
             after_unknown = True
         elif switch := switches.get(before) or switches.get(joined):
-            errors.append(f"{shown(word)}: an on-off flag takes no value; write {flag(switch)} or {_negated(switch)}")
+            errors.append(
+                f"{shown(word)}: an on-off flag takes no value; write {flag(switch)} or {_negated(switch)}"
+            )
         elif not after_unknown:
             errors.append(f"{shown(word)}: belongs to no flag")
     return errors

@@ -1,4 +1,7 @@
-"""Settings of the flight, the rules and the reward. Each is the switch of one line of `docs/fidelity.md`."""
+"""Settings of the flight, the rules and the reward.
+
+Each is the switch of one line of `docs/fidelity.md`.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -13,18 +16,27 @@ class SimConfig:
     body: Literal["isaac", "firmware", "menagerie", "p250"] = setting(
         "isaac", "mass and inertia of both drones (isaac: the composite of Isaac's cf2x)"
     )
-    mjcf: str = setting("", "MJCF of a drone or a scene of your own (docs/own_drone.md); empty: the package's")
+    mjcf: str = setting(
+        "", "MJCF of a drone or a scene of your own (docs/own_drone.md); empty: the package's"
+    )
     timestep: float = setting(0.01, "physics step", unit="s", low=1e-4, high=0.05)
     substeps: int = setting(2, "physics steps per control step", low=1, high=100)
-    thrust_to_weight: float = setting(1.9, "full thrust over weight (eq. 7)", low=1.0, high=20.0, low_open=True)
+    thrust_to_weight: float = setting(
+        1.9, "full thrust over weight (eq. 7)", low=1.0, high=20.0, low_open=True
+    )
     moment_scale: float = setting(
-        0.01, "moment at full deflection about each body axis (eq. 8)", unit="N m", low=0.0, high=100.0
+        0.01,
+        "moment at full deflection about each body axis (eq. 8)",
+        unit="N m",
+        low=0.0,
+        high=100.0,
     )
     max_body_rate: float = setting(
         100.0, "cap on the norm of the body rate (PhysX's default)", unit="rad/s", low=1.0, high=1e4
     )
     gyroscopic: Literal["implicit", "explicit"] = setting(
-        "implicit", "gyroscopic torque: backward Euler, or MuJoCo's explicit term (diverges when tumbling)"
+        "implicit",
+        "gyroscopic torque: backward Euler, or MuJoCo's explicit term (diverges when tumbling)",
     )
 
 
@@ -35,7 +47,9 @@ class GameConfig:
     scenario: Literal["duel", "solo"] = setting(
         "duel", "duel: both fight; solo: the attacker alone, the defender is absent"
     )
-    spawn: Literal["fixed", "uniform"] = setting("fixed", "start positions: three points, or uniform in [-5, 5]^2")
+    spawn: Literal["fixed", "uniform"] = setting(
+        "fixed", "start positions: three points, or uniform in [-5, 5]^2"
+    )
     spawn_spread: float = setting(
         0.0,
         "fixed starts: half-width of the square around each point in which it is drawn",
@@ -44,10 +58,16 @@ class GameConfig:
         high=5.0,
     )
     defender_spread: float = setting(
-        0.0, "fixed starts: the same for the defender, where it shall be wider", unit="m", low=0.0, high=5.0
+        0.0,
+        "fixed starts: the same for the defender, where it shall be wider",
+        unit="m",
+        low=0.0,
+        high=5.0,
     )
     spawn_altitude_low: float = setting(0.5, "lowest start altitude", unit="m", low=0.0, high=100.0)
-    spawn_altitude_high: float = setting(1.5, "highest start altitude", unit="m", low=0.0, high=100.0)
+    spawn_altitude_high: float = setting(
+        1.5, "highest start altitude", unit="m", low=0.0, high=100.0
+    )
     episode_steps: int = setting(500, "control steps until time-out", low=1, high=100_000)
     intercept_radius: float = setting(
         0.5,
@@ -58,12 +78,22 @@ class GameConfig:
         low_open=True,
     )
     reach_radius: float = setting(
-        0.5, "attacker wins within this distance of the target", unit="m", low=0.0, high=5.0, low_open=True
+        0.5,
+        "attacker wins within this distance of the target",
+        unit="m",
+        low=0.0,
+        high=5.0,
+        low_open=True,
     )
-    crash_altitude: float = setting(0.2, "a drone below this altitude has crashed", unit="m", low=0.0, high=10.0)
-    swept_events: bool = setting(True, "test distances along the segment flown, not only at its end")
+    crash_altitude: float = setting(
+        0.2, "a drone below this altitude has crashed", unit="m", low=0.0, high=10.0
+    )
+    swept_events: bool = setting(
+        True, "test distances along the segment flown, not only at its end"
+    )
     crash_rule: Literal["ends", "out", "grounded"] = setting(
-        "ends", "a crash: ends the fight; takes the drone out; leaves it lying and paying at every step"
+        "ends",
+        "a crash: ends the fight; takes the drone out; leaves it lying and paying at every step",
     )
     timeout_rule: Literal["draw", "defender"] = setting(
         "draw", "who wins at time-out: nobody, or the defender (the attacker has failed)"
@@ -78,15 +108,29 @@ class GameConfig:
 class RewardConfig:
     """Weights of the reward terms (eq. 9-12). Each term is logged by name."""
 
-    time_scaled: bool = setting(True, "multiply the dense terms by the control step (false: the literal form)")
-    approach_weight: float = setting(50.0, "weight w of 1 - tanh(distance / c)", unit="1/s", low=0.0, high=1e4)
-    defender_distance_scale: float = setting(5.0, "c1 of eq. 10", unit="m", low=0.0, high=1e3, low_open=True)
-    attacker_distance_scale: float = setting(5.0, "c2 of eq. 12", unit="m", low=0.0, high=1e3, low_open=True)
+    time_scaled: bool = setting(
+        True, "multiply the dense terms by the control step (false: the literal form)"
+    )
+    approach_weight: float = setting(
+        50.0, "weight w of 1 - tanh(distance / c)", unit="1/s", low=0.0, high=1e4
+    )
+    defender_distance_scale: float = setting(
+        5.0, "c1 of eq. 10", unit="m", low=0.0, high=1e3, low_open=True
+    )
+    attacker_distance_scale: float = setting(
+        5.0, "c2 of eq. 12", unit="m", low=0.0, high=1e3, low_open=True
+    )
     linear_velocity_penalty: float = setting(0.05, "per (m/s)^2", low=0.0, high=100.0)
     angular_velocity_penalty: float = setting(0.01, "per (rad/s)^2", low=0.0, high=100.0)
-    win: float = setting(300.0, "for intercepting (defender) or reaching the target (attacker)", low=0.0, high=1e5)
-    lose: float = setting(300.0, "paid by the defender when the target is reached", low=0.0, high=1e5)
-    intercepted: float = setting(300.0, "paid by the attacker when it is intercepted", low=0.0, high=1e5)
+    win: float = setting(
+        300.0, "for intercepting (defender) or reaching the target (attacker)", low=0.0, high=1e5
+    )
+    lose: float = setting(
+        300.0, "paid by the defender when the target is reached", low=0.0, high=1e5
+    )
+    intercepted: float = setting(
+        300.0, "paid by the attacker when it is intercepted", low=0.0, high=1e5
+    )
     crash_penalty: float = setting(10.0, "paid by a drone that crashes", low=0.0, high=1e5)
     crash_win: float = setting(
         300.0,
@@ -94,7 +138,9 @@ class RewardConfig:
         low=0.0,
         high=1e5,
     )
-    timeout_win: float = setting(300.0, "for the defender at time-out, under timeout_rule defender", low=0.0, high=1e5)
+    timeout_win: float = setting(
+        300.0, "for the defender at time-out, under timeout_rule defender", low=0.0, high=1e5
+    )
     timeout_penalty: float = setting(
         300.0, "paid by the attacker at time-out, under timeout_rule defender", low=0.0, high=1e5
     )

@@ -1,4 +1,5 @@
-"""Rules that need more than one setting, and the memory a run will take, before anything is allocated.
+"""Rules that need more than one setting, and the memory a run will take, before anything is
+allocated.
 
 What does not live here: the range of a single setting (`schema`), reading files (`settings`), or
 whether a device exists (`machine.backend`). Nothing imports JAX.
@@ -33,7 +34,14 @@ class Problem(NamedTuple):
 
 def problems(config: Config) -> list[Problem]:
     """All rules that `config` breaks, on any machine; an empty list where it is sound."""
-    return [*_flight(config), *_game(config), *_learning(config), *_selfplay(config), *_training(config), *_run(config)]
+    return [
+        *_flight(config),
+        *_game(config),
+        *_learning(config),
+        *_selfplay(config),
+        *_training(config),
+        *_run(config),
+    ]
 
 
 def memory_problems(config: Config) -> list[Problem]:
@@ -52,13 +60,24 @@ def memory_problems(config: Config) -> list[Problem]:
 
 
 def disk_problems(config: Config) -> list[Problem]:
-    """One problem where the run will need more disk than is free; what it has written already counts as free."""
-    needed, free = estimated_disk_bytes(config), free_bytes(Path(config.run.directory) / (config.run.name or "run"))
+    """One problem where the run will need more disk than is free; what it has written already
+    counts as free.
+    """
+    needed, free = (
+        estimated_disk_bytes(config),
+        free_bytes(Path(config.run.directory) / (config.run.name or "run")),
+    )
     if free is None or needed <= free:
         return []
     return [
         Problem(
-            ("run.keep", "train.total_steps", "train.chunk_iterations", "train.num_seeds", "run.directory"),
+            (
+                "run.keep",
+                "train.total_steps",
+                "train.chunk_iterations",
+                "train.num_seeds",
+                "run.directory",
+            ),
             f"run.keep = {config.run.keep!r}: {config.num_chunks} chunks need about {bytes_in_words(needed)} on the disk of "
             f'{config.run.directory}, and {bytes_in_words(free)} are free; run.keep = "every 10" or "last 5" needs less',
         )
@@ -148,9 +167,14 @@ def _training(config: Config) -> Iterator[Problem]:
 
 def _run(config: Config) -> Iterator[Problem]:
     if not _NAME.fullmatch(config.run.name):
-        yield Problem(("run.name",), "run.name must be at most 100 of A-Z a-z 0-9 . _ - and not start with a dot")
+        yield Problem(
+            ("run.name",),
+            "run.name must be at most 100 of A-Z a-z 0-9 . _ - and not start with a dot",
+        )
     if keep_rule(config.run.keep) is None:
-        yield Problem(("run.keep",), f'run.keep = {config.run.keep!r} must be "all", "every N" or "last N"')
+        yield Problem(
+            ("run.keep",), f'run.keep = {config.run.keep!r} must be "all", "every N" or "last N"'
+        )
     if not config.run.directory:
         yield Problem(("run.directory",), "run.directory must not be empty")
     if uneven := uneven_devices(config, config.run.devices or 1):
@@ -172,7 +196,11 @@ def _run(config: Config) -> Iterator[Problem]:
 
 def _nearest_batches(config: Config) -> str:
     """The neighbours that divide: of `minibatches` with the batch fixed, of `num_envs` otherwise."""
-    batch, wanted, envs = config.steps_per_iteration, config.learn.minibatches, config.train.num_envs
+    batch, wanted, envs = (
+        config.steps_per_iteration,
+        config.learn.minibatches,
+        config.train.num_envs,
+    )
     fewer = next(n for n in range(min(wanted, batch), 0, -1) if batch % n == 0)
     more = next((n for n in range(wanted + 1, min(batch, 100_000) + 1) if batch % n == 0), None)
     step = wanted // math.gcd(wanted, config.learn.rollout_steps)

@@ -1,8 +1,8 @@
 """One setting as data: its key, type, range and how a value of it is checked, read and written.
 
-What lives here: everything read off the fields of `dronecombat_jax.config.fields` (or of any dataclass made
-of `setting` fields). What does not: files and flags (`settings`, `flags`), rules that need more
-than one setting (`preflight`). Nothing imports JAX.
+What lives here: everything read off the fields of `dronecombat_jax.config.fields` (or of any
+dataclass made of `setting` fields). What does not: files and flags (`settings`, `flags`), rules
+that need more than one setting (`preflight`). Nothing imports JAX.
 """
 
 import dataclasses
@@ -164,13 +164,27 @@ def one_line(text: str) -> str:
 def _setting(key: str, hint: Any, item: dataclasses.Field) -> Setting:
     """The `Setting` of one dataclass field; TypeError for a type that has no reader yet."""
     choices: tuple[str, ...] = get_args(hint) if get_origin(hint) is Literal else ()
-    kinds: dict[Any, Any] = {bool: "bool", int: "int", float: "float", str: "str", tuple[int, ...]: "ints"}
+    kinds: dict[Any, Any] = {
+        bool: "bool",
+        int: "int",
+        float: "float",
+        str: "str",
+        tuple[int, ...]: "ints",
+    }
     kind = "choice" if choices else kinds.get(hint)
     if kind is None:
         raise TypeError(f"{key}: settings of type {hint} are not supported")
     data = item.metadata
     return Setting(
-        key, kind, item.default, data["doc"], data["unit"], data["low"], data["high"], data["low_open"], choices
+        key,
+        kind,
+        item.default,
+        data["doc"],
+        data["unit"],
+        data["low"],
+        data["high"],
+        data["low_open"],
+        choices,
     )
 
 

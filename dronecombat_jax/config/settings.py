@@ -1,8 +1,8 @@
 """From defaults, a preset file and flags to one checked `Config`, and back to TOML.
 
-Defaults < file < flags. All mistakes are reported at once, one line each, with file, line, key, value
-and what is allowed. What does not live here: the settings themselves (`fields`), the check of one
-value (`schema`), rules across settings (`preflight`). Nothing imports JAX or MuJoCo.
+Defaults < file < flags. All mistakes are reported at once, one line each, with file, line, key,
+value and what is allowed. What does not live here: the settings themselves (`fields`), the check of
+one value (`schema`), rules across settings (`preflight`). Nothing imports JAX or MuJoCo.
 """
 
 import difflib
@@ -14,7 +14,15 @@ from typing import Any, NamedTuple
 
 from dronecombat_jax.config import preflight
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.config.schema import Setting, build, flatten, one_line, settings_of, shown, written
+from dronecombat_jax.config.schema import (
+    Setting,
+    build,
+    flatten,
+    one_line,
+    settings_of,
+    shown,
+    written,
+)
 from dronecombat_jax.errors import UserError
 
 MAX_FILE_BYTES = 1_000_000
@@ -41,12 +49,16 @@ class Given(NamedTuple):
 
 
 def load(
-    preset: str | Path | None = None, overrides: Mapping[str, Any] | None = None, *, check_machine: bool = False
+    preset: str | Path | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    check_machine: bool = False,
 ) -> Config:
-    """The configuration of defaults < `preset` (a name or a .toml file) < `overrides` (dotted keys).
+    """The configuration of defaults < `preset` (a name or a .toml file) < `overrides` (dotted
+    keys).
 
-    `check_machine`: refuse what cannot be trained here; a run from a larger machine can still be looked at.
-    Raises UserError (exit 2) whose message has one line per mistake.
+    `check_machine`: refuse what cannot be trained here; a run from a larger machine can still be
+    looked at. Raises UserError (exit 2) whose message has one line per mistake.
     """
     errors: list[str] = []
     given: dict[str, Given] = {}
@@ -59,7 +71,9 @@ def load(
 
 
 def from_toml(text: str, source: str) -> Config:
-    """The configuration that `to_toml` once wrote as `text`; `source` opens the messages. Raises UserError as `load`."""
+    """The configuration that `to_toml` once wrote as `text`; `source` opens the messages. Raises
+    UserError as `load`.
+    """
     return _checked(_values(text, source), [], check_machine=False)
 
 
@@ -68,11 +82,15 @@ def _machine_problems(config: Config) -> list[preflight.Problem]:
 
 
 def _checked(given: Mapping[str, Given], errors: list[str], check_machine: bool) -> Config:
-    """The configuration of `given` over the defaults, or a UserError of `errors` and whatever else is wrong."""
+    """The configuration of `given` over the defaults, or a UserError of `errors` and whatever else
+    is wrong.
+    """
     errors = [*errors, *check(given, SCHEMA)]
     if errors:
         raise UserError("\n".join(errors))
-    config: Config = build(Config, {key: SCHEMA[key].normal(item.value) for key, item in given.items()})
+    config: Config = build(
+        Config, {key: SCHEMA[key].normal(item.value) for key, item in given.items()}
+    )
     broken = preflight.problems(config) + (_machine_problems(config) if check_machine else [])
     if broken:
         raise UserError("\n".join(_placed(problem, given) for problem in broken))
@@ -96,7 +114,9 @@ def check(given: Mapping[str, Given], schema: Mapping[str, Setting]) -> list[str
 
 
 def read(path: Path) -> dict[str, Given]:
-    """The values in a TOML file by dotted key, unchecked; UserError where it is not TOML or too large."""
+    """The values in a TOML file by dotted key, unchecked; UserError where it is not TOML or too
+    large.
+    """
     return _values(_text_of(path), str(path))
 
 
@@ -107,12 +127,16 @@ def _values(text: str, source: str) -> dict[str, Given]:
     except (ValueError, RecursionError) as error:
         raise UserError(_syntax_error(source, error)) from None
     if not document:
-        raise UserError(f"{source}: the file is empty; it needs at least one section such as [train]")
+        raise UserError(
+            f"{source}: the file is empty; it needs at least one section such as [train]"
+        )
     lines = _lines_of(text)
     values: dict[str, Given] = {}
     for name, content in document.items():
         known = name in SECTIONS and isinstance(content, dict)
-        entries = {f"{name}.{key}": value for key, value in content.items()} if known else {name: content}
+        entries = (
+            {f"{name}.{key}": value for key, value in content.items()} if known else {name: content}
+        )
         for key, value in entries.items():
             line = lines.get(key) or lines.get(name)
             values[key] = Given(value, f"{source}:{line}" if line else source)
@@ -140,7 +164,9 @@ def find_preset(preset: str | Path) -> Path:
 
 
 def to_toml(config: Config) -> str:
-    """The whole configuration as TOML, with a comment on every setting; `load` reads it back exactly."""
+    """The whole configuration as TOML, with a comment on every setting; `load` reads it back
+    exactly.
+    """
     values = flatten(config)
     blocks = []
     for section in SECTIONS:
@@ -149,7 +175,10 @@ def to_toml(config: Config) -> str:
         for key, entry in SCHEMA.items():
             if key.startswith(section + "."):
                 choices = f" [{entry.allowed}]" if entry.choices else ""
-                lines += [f"# {entry.explained}{choices}", f"{key.split('.')[1]} = {written(values[key])}"]
+                lines += [
+                    f"# {entry.explained}{choices}",
+                    f"{key.split('.')[1]} = {written(values[key])}",
+                ]
         blocks.append("\n".join(lines))
     return "\n\n".join(blocks) + "\n"
 
@@ -177,7 +206,11 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     names = list(known)
     plain = word.replace("-", "_").lower()
     same_leaf = [name for name in names if name.split(".")[-1] == plain.split(".")[-1]]
-    close = same_leaf or difflib.get_close_matches(plain, names, n=1, cutoff=0.6) or _close_leaf(plain, names)
+    close = (
+        same_leaf
+        or difflib.get_close_matches(plain, names, n=1, cutoff=0.6)
+        or _close_leaf(plain, names)
+    )
     if close:
         return f"did you mean {close[0]}?"
     inside = [name for name in names if name.startswith(plain.split(".")[0] + ".")]
@@ -188,11 +221,16 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 def _close_leaf(word: str, names: list[str]) -> list[str]:
     """The closest by last part alone: a right name in a wrong or missing section."""
     leaves = {name.split(".")[-1]: name for name in names}
-    return [leaves[leaf] for leaf in difflib.get_close_matches(word.split(".")[-1], leaves, n=1, cutoff=0.75)]
+    return [
+        leaves[leaf]
+        for leaf in difflib.get_close_matches(word.split(".")[-1], leaves, n=1, cutoff=0.75)
+    ]
 
 
 def _placed(problem: preflight.Problem, given: Mapping[str, Given]) -> str:
-    """The message of a broken rule, opened by where a setting of it was given: a flag before a file."""
+    """The message of a broken rule, opened by where a setting of it was given: a flag before a
+    file.
+    """
     written_down = [given[key].where for key in problem.keys if key in given]
     flags = [where for where in written_down if where.startswith("--")]
     where = next(iter(flags or written_down), None)
@@ -207,7 +245,9 @@ def _text_of(path: Path) -> str:
         with path.open("rb") as file:
             data = file.read(MAX_FILE_BYTES + 1)
     except (OSError, ValueError) as error:
-        raise UserError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise UserError(
+            f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from None
     if len(data) > MAX_FILE_BYTES:
         raise UserError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is no preset")
     if data.startswith((b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")):

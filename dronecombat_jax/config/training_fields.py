@@ -1,4 +1,7 @@
-"""Settings of learning, self-play, the amount of training and the run. Each is the switch of one line of `docs/fidelity.md`."""
+"""Settings of learning, self-play, the amount of training and the run.
+
+Each is the switch of one line of `docs/fidelity.md`.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -10,49 +13,93 @@ from dronecombat_jax.config.setting import setting
 class LearnConfig:
     """IPPO: two independent PPO learners that share nothing (eq. 13-18)."""
 
-    hidden_sizes: tuple[int, ...] = setting((256, 128), "hidden units of policy and value networks", low=1, high=8192)
-    hidden_gain: float = setting(2.0**0.5, "gain of the orthogonal initialisation", low=0.0, high=10.0, low_open=True)
-    policy_output_gain: float = setting(2.0**0.5, "gain of the policy's last layer", low=0.0, high=10.0)
-    initial_log_std: float = setting(0.0, "log standard deviation of the actions at the start", low=-20.0, high=2.0)
-    min_log_std: float = setting(-20.0, "lower bound of the log standard deviation", low=-20.0, high=2.0)
-    max_log_std: float = setting(2.0, "upper bound of the log standard deviation", low=-20.0, high=10.0)
-    clip_actions: bool = setting(False, "log-probability of the clipped action (the authors' setting; does not learn)")
-    rollout_steps: int = setting(24, "control steps per environment and update", low=1, high=100_000)
+    hidden_sizes: tuple[int, ...] = setting(
+        (256, 128), "hidden units of policy and value networks", low=1, high=8192
+    )
+    hidden_gain: float = setting(
+        2.0**0.5, "gain of the orthogonal initialisation", low=0.0, high=10.0, low_open=True
+    )
+    policy_output_gain: float = setting(
+        2.0**0.5, "gain of the policy's last layer", low=0.0, high=10.0
+    )
+    initial_log_std: float = setting(
+        0.0, "log standard deviation of the actions at the start", low=-20.0, high=2.0
+    )
+    min_log_std: float = setting(
+        -20.0, "lower bound of the log standard deviation", low=-20.0, high=2.0
+    )
+    max_log_std: float = setting(
+        2.0, "upper bound of the log standard deviation", low=-20.0, high=10.0
+    )
+    clip_actions: bool = setting(
+        False, "log-probability of the clipped action (the authors' setting; does not learn)"
+    )
+    rollout_steps: int = setting(
+        24, "control steps per environment and update", low=1, high=100_000
+    )
     epochs: int = setting(5, "passes over a rollout", low=1, high=1000)
     minibatches: int = setting(6, "mini-batches per pass", low=1, high=100_000)
     minibatch_order: Literal["sequential", "shuffled"] = setting(
         "sequential", "contiguous and time-major as in skrl, or shuffled anew in every epoch"
     )
     discount: float = setting(0.99, "gamma", low=0.0, high=1.0)
-    gae_lambda: float = setting(0.95, "lambda of the advantage estimate (eq. 15)", low=0.0, high=1.0)
-    clip_ratio: float = setting(0.2, "clip of the probability ratio (eq. 14)", low=0.0, high=10.0, low_open=True)
+    gae_lambda: float = setting(
+        0.95, "lambda of the advantage estimate (eq. 15)", low=0.0, high=1.0
+    )
+    clip_ratio: float = setting(
+        0.2, "clip of the probability ratio (eq. 14)", low=0.0, high=10.0, low_open=True
+    )
     clip_value: float = setting(
-        0.2, "clip of the value's change, normalised units (eq. 17)", low=0.0, high=1e6, low_open=True
+        0.2,
+        "clip of the value's change, normalised units (eq. 17)",
+        low=0.0,
+        high=1e6,
+        low_open=True,
     )
     value_loss: Literal["skrl", "ppo2_max", "paper_min", "plain"] = setting(
-        "skrl", "which clipped value loss: skrl's, the larger of two, the smaller of two as printed, or unclipped"
+        "skrl",
+        "which clipped value loss: skrl's, the larger of two, the smaller of two as printed, or unclipped",
     )
     value_loss_scale: float = setting(1.0, "lambda_critic of eq. 18", low=0.0, high=1e3)
     entropy_scale: float = setting(0.001, "lambda_entropy of eq. 18", low=0.0, high=10.0)
-    max_grad_norm: float = setting(1.0, "joint global-norm clip over both networks", low=0.0, high=1e6, low_open=True)
-    learning_rate: float = setting(3e-4, "Adam's learning rate at the start", low=0.0, high=1.0, low_open=True)
-    learning_rate_schedule: Literal["kl", "constant"] = setting("kl", "KL-adaptive, or constant")
-    kl_target: float = setting(0.008, "threshold of the KL-adaptive schedule", low=0.0, high=10.0, low_open=True)
-    kl_factor: float = setting(
-        2.0, "the rate moves when the KL leaves [target / factor, target * factor]", low=1.0, high=100.0, low_open=True
+    max_grad_norm: float = setting(
+        1.0, "joint global-norm clip over both networks", low=0.0, high=1e6, low_open=True
     )
-    learning_rate_factor: float = setting(1.5, "by how much the rate moves", low=1.0, high=100.0, low_open=True)
-    min_learning_rate: float = setting(1e-6, "lower bound of the schedule", low=0.0, high=1.0, low_open=True)
-    max_learning_rate: float = setting(1e-2, "upper bound of the schedule", low=0.0, high=1.0, low_open=True)
+    learning_rate: float = setting(
+        3e-4, "Adam's learning rate at the start", low=0.0, high=1.0, low_open=True
+    )
+    learning_rate_schedule: Literal["kl", "constant"] = setting("kl", "KL-adaptive, or constant")
+    kl_target: float = setting(
+        0.008, "threshold of the KL-adaptive schedule", low=0.0, high=10.0, low_open=True
+    )
+    kl_factor: float = setting(
+        2.0,
+        "the rate moves when the KL leaves [target / factor, target * factor]",
+        low=1.0,
+        high=100.0,
+        low_open=True,
+    )
+    learning_rate_factor: float = setting(
+        1.5, "by how much the rate moves", low=1.0, high=100.0, low_open=True
+    )
+    min_learning_rate: float = setting(
+        1e-6, "lower bound of the schedule", low=0.0, high=1.0, low_open=True
+    )
+    max_learning_rate: float = setting(
+        1e-2, "upper bound of the schedule", low=0.0, high=1.0, low_open=True
+    )
     bootstrap_timeout: bool = setting(
-        True, "a time-out is worth the value of its final observation (false: an end, as for the authors)"
+        True,
+        "a time-out is worth the value of its final observation (false: an end, as for the authors)",
     )
     inactive_steps: Literal["value", "none", "all"] = setting(
         "value",
         "who learns from the steps of a drone that is down, whose actions do nothing: the value function alone; "
         "nobody; policy, value and statistics, as if it flew",
     )
-    normalize_observations: bool = setting(True, "running mean and variance of observations, clipped at 5")
+    normalize_observations: bool = setting(
+        True, "running mean and variance of observations, clipped at 5"
+    )
     normalize_values: bool = setting(True, "running mean and variance of returns")
 
 
@@ -67,7 +114,8 @@ class SelfPlayConfig:
         high=1.0,
     )
     roles: Literal["defender", "attacker", "both"] = setting(
-        "defender", "who meets the past of the other: the defender (paper), the attacker, or in turn by lot both"
+        "defender",
+        "who meets the past of the other: the defender (paper), the attacker, or in turn by lot both",
     )
     sampler: Literal["uniform", "latest", "delta_uniform", "pfsp_hard", "pfsp_variance"] = setting(
         "uniform", "how past opponents are drawn from the pool (selfplay.samplers)"
@@ -76,14 +124,21 @@ class SelfPlayConfig:
         "chunk", "one past opponent for a whole chunk (paper), or one drawn for each environment"
     )
     delta: float = setting(
-        0.5, "delta_uniform: how far back, as a share of the pool (0: the newest alone)", low=0.0, high=1.0
+        0.5,
+        "delta_uniform: how far back, as a share of the pool (0: the newest alone)",
+        low=0.0,
+        high=1.0,
     )
     pfsp_power: float = setting(2.0, "pfsp_hard: exponent k of (1 - x)^k", low=0.0, high=100.0)
     memory: float = setting(
-        0.5, "what a record of wins against a pool member is still worth one chunk later", low=0.0, high=1.0
+        0.5,
+        "what a record of wins against a pool member is still worth one chunk later",
+        low=0.0,
+        high=1.0,
     )
     restore_live: bool = setting(
-        True, "the live player comes back after a frozen chunk (false: lost, as in the authors' script)"
+        True,
+        "the live player comes back after a frozen chunk (false: lost, as in the authors' script)",
     )
 
 
@@ -91,7 +146,9 @@ class SelfPlayConfig:
 class TrainConfig:
     """How much, how wide and from which seed."""
 
-    total_steps: int = setting(20_000_000, "environment steps per seed, rounded up to whole chunks", low=1, high=10**12)
+    total_steps: int = setting(
+        20_000_000, "environment steps per seed, rounded up to whole chunks", low=1, high=10**12
+    )
     num_envs: int = setting(1000, "environments side by side", low=1, high=10**6)
     chunk_iterations: int = setting(
         25,
@@ -100,7 +157,8 @@ class TrainConfig:
         high=100_000,
     )
     reset_at_chunk: bool = setting(
-        False, "start all fights anew at every chunk; they then fly in step, which unsettles learning for a while"
+        False,
+        "start all fights anew at every chunk; they then fly in step, which unsettles learning for a while",
     )
     head_start_steps: int = setting(
         0,
@@ -131,7 +189,9 @@ class RunConfig:
 
     name: str = setting("", "name of the run (default: method-preset)")
     directory: str = setting("runs", "folder that holds all runs")
-    device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute; asked for and absent is an error")
+    device: Literal["auto", "cpu", "gpu", "tpu"] = setting(
+        "auto", "where to compute; asked for and absent is an error"
+    )
     devices: int = setting(
         0,
         "devices to train on, on a CPU its cores: first a share of the seeds for each, then, with more devices than "
@@ -140,14 +200,24 @@ class RunConfig:
         high=1024,
     )
     seeds_at_once: int = setting(
-        0, "seeds that a device trains side by side (0: on a CPU one after the other, elsewhere all)", low=0, high=10**6
+        0,
+        "seeds that a device trains side by side (0: on a CPU one after the other, elsewhere all)",
+        low=0,
+        high=10**6,
     )
-    distributed: bool = setting(False, "train in several processes on all their devices (docs/scaling.md)")
+    distributed: bool = setting(
+        False, "train in several processes on all their devices (docs/scaling.md)"
+    )
     join_seconds: float = setting(
-        300.0, "how long a process waits for the others at the start", unit="s", low=1.0, high=86_400.0
+        300.0,
+        "how long a process waits for the others at the start",
+        unit="s",
+        low=1.0,
+        high=86_400.0,
     )
     matmul_precision: Literal["default", "tensorfloat32", "float32"] = setting(
-        "default", "of matrix products on a GPU or TPU (default: JAX's choice; a CPU always computes in float32)"
+        "default",
+        "of matrix products on a GPU or TPU (default: JAX's choice; a CPU always computes in float32)",
     )
     keep: str = setting(
         "all",
@@ -157,4 +227,6 @@ class RunConfig:
     figures: bool = setting(True, "draw learning curves at the end")
     video: bool = setting(True, "render a picture and a short video of a fight at the end")
     replay: bool = setting(True, "write a page that replays fights in a browser at the end")
-    evaluation_fights: int = setting(256, "fights of the evaluation at the end of training", low=1, high=10**6)
+    evaluation_fights: int = setting(
+        256, "fights of the evaluation at the end of training", low=1, high=10**6
+    )

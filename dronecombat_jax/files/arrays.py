@@ -41,9 +41,13 @@ def leaves_of(arrays: Arrays) -> tuple[Leaf, ...]:
 
 def match_template(template: Any, saved: tuple[Leaf, ...], name: str, hint: str) -> list[Leaf]:
     """The leaves of `template` in its order, if `saved` holds exactly them; else CheckpointError."""
-    expected = [Leaf(path, np.dtype(leaf.dtype).name, tuple(leaf.shape)) for path, leaf in paths(template)]
+    expected = [
+        Leaf(path, np.dtype(leaf.dtype).name, tuple(leaf.shape)) for path, leaf in paths(template)
+    ]
     wanted, there = {leaf.path: leaf for leaf in expected}, {leaf.path: leaf for leaf in saved}
-    names = [leaf.path for leaf in expected] + [leaf.path for leaf in saved if leaf.path not in wanted]
+    names = [leaf.path for leaf in expected] + [
+        leaf.path for leaf in saved if leaf.path not in wanted
+    ]
     wrong = [path for path in names if wanted.get(path) != there.get(path)]
     if not wrong:
         return expected
@@ -56,8 +60,14 @@ def match_template(template: Any, saved: tuple[Leaf, ...], name: str, hint: str)
 
 
 def nonfinite(arrays: Arrays) -> str:
-    """The first arrays that hold NaN or infinity and how many numbers of each; empty where none does."""
-    wrong = [f"{path} ({count:,} of {array.size:,})" for path, array in arrays.items() if (count := _count(array))]
+    """The first arrays that hold NaN or infinity and how many numbers of each; empty where none
+    does.
+    """
+    wrong = [
+        f"{path} ({count:,} of {array.size:,})"
+        for path, array in arrays.items()
+        if (count := _count(array))
+    ]
     more = f" and {len(wrong) - _MAX_NAMED} more" if len(wrong) > _MAX_NAMED else ""
     return ", ".join(wrong[:_MAX_NAMED]) + more
 
@@ -72,15 +82,22 @@ def paths(tree: Any) -> list[tuple[str, Any]]:
     ]
     names = [path for path, _ in pairs]
     if "" in names or len(set(names)) != len(names):
-        raise ValueError("every leaf of a state needs a path of its own (a bare array, or two equal paths)")
+        raise ValueError(
+            "every leaf of a state needs a path of its own (a bare array, or two equal paths)"
+        )
     return pairs
 
 
 def _plain(path: str, leaf: Any) -> np.ndarray:
-    if isinstance(leaf, bool | int | float | complex | str | bytes) and not isinstance(leaf, np.generic):
-        raise TypeError(f"{path} is a Python {type(leaf).__name__}: give it a dtype, or put it into meta")
+    if isinstance(leaf, bool | int | float | complex | str | bytes) and not isinstance(
+        leaf, np.generic
+    ):
+        raise TypeError(
+            f"{path} is a Python {type(leaf).__name__}: give it a dtype, or put it into meta"
+        )
     array = np.asarray(leaf)
-    # ml_dtypes (bfloat16, float8) report kind V but are registered with NumPy (2); records are not (0)
+    # ml_dtypes (bfloat16, float8) report kind V but are registered with NumPy (2); records are not
+    # (0)
     custom = array.dtype.kind == "V" and array.dtype.isbuiltin == 2
     if not (array.dtype.kind in _KINDS or custom) or not array.dtype.isnative:
         raise TypeError(f"{path} has dtype {array.dtype}: only plain native numbers can be saved")

@@ -4,43 +4,56 @@
     checkpoints/12/state/          the arrays, by orbax as numpy in one OCDBT store
     checkpoints/players/           the past players of self-play (`past_players`), which checkpoints share
 
-What does not live here: what the state means, and who may write (`rundir.claim_run` holds the lock).
-PRNG keys are not part of a state: seeds are integers and keys are derived from them.
-The newest checkpoint is the highest step that verifies; clocks are never asked.
+What does not live here: what the state means, and who may write (`rundir.claim_run` holds the
+lock). PRNG keys are not part of a state: seeds are integers and keys are derived from them. The
+newest checkpoint is the highest step that verifies; clocks are never asked.
 """
 
-import contextlib
 import logging
 import os
 import re
 import secrets
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DIVERGED, UserError
-from dronecombat_jax.files.arrays import Arrays, flatten, leaves_of, match_template, nonfinite, unflatten
-from dronecombat_jax.files.atomic import cannot_write, fsync_directory, fsync_tree, temporary_path, write_new
+from dronecombat_jax.errors import EXIT_DIVERGED, UserError
+from dronecombat_jax.files import store
+from dronecombat_jax.files.arrays import (
+    Arrays,
+    flatten,
+    match_template,
+    nonfinite,
+    unflatten,
+)
+from dronecombat_jax.files.atomic import (
+    cannot_write,
+    fsync_directory,
+    temporary_path,
+)
 from dronecombat_jax.files.manifest import (
-    MANIFEST_NAME,
     CheckpointError,
     DamagedCheckpoint,
     Manifest,
     NewerCheckpoint,
     Roster,
     check_files,
-    encode_manifest,
-    list_files,
     read_manifest,
     state_digest,
 )
 
-__all__ = ["CheckpointError", "latest", "load", "read_meta", "remove", "restore", "save", "steps", "verify"]
+__all__ = [
+    "CheckpointError",
+    "latest",
+    "load",
+    "read_meta",
+    "remove",
+    "restore",
+    "save",
+    "steps",
+    "verify",
+]
 
-STATE_NAME = "state"
 _STEP_NAME = re.compile(r"0|[1-9][0-9]{0,17}")
 _log = logging.getLogger(__name__)
 
@@ -72,13 +85,14 @@ def save(
         return final
     temporary = temporary_path(final)
     try:
-        directory.mkdir(exist_ok=True)  # not its parents: a run that was moved away must not come back empty
+        # not its parents: a run that was moved away must not come back empty
+        directory.mkdir(exist_ok=True)
         temporary.mkdir()
-        _write(temporary, final, step, arrays, digest, meta, players)
+        store.write(temporary, final, step, arrays, digest, meta, players)
         os.rename(temporary, final)
         fsync_directory(directory)
     except OSError as error:
-        raise cannot_write(final, error, _size(arrays)) from error
+        raise cannot_write(final, error, store.bytes_of(arrays)) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     return final
@@ -88,11 +102,14 @@ def steps(directory: Path) -> list[int]:
     """Steps that have an entry in `directory`, rising; whether they verify is not asked."""
     if not directory.is_dir():
         return []
-    return sorted(int(entry.name) for entry in directory.iterdir() if _STEP_NAME.fullmatch(entry.name))
+    return sorted(
+        int(entry.name) for entry in directory.iterdir() if _STEP_NAME.fullmatch(entry.name)
+    )
 
 
 def latest(directory: Path, *, set_aside: bool = True, below: int | None = None) -> Manifest | None:
-    """The manifest of the highest step that verifies (of those under `below`), or None. Needs no JAX.
+    """The manifest of the highest step that verifies (of those under `below`), or None. Needs no
+    JAX.
 
     Damaged ones above it are warned of and renamed to `damaged-<step>-...`, never deleted
     (`set_aside=False`, for readers that do not hold the run's lock: only warned of).
@@ -120,7 +137,9 @@ def verify(directory: Path, step: int) -> Manifest:
     """Check every byte of a checkpoint against its manifest; raises CheckpointError. Needs no JAX."""
     path = _step_path(directory, step)
     if not os.path.lexists(path):
-        raise CheckpointError(f"no checkpoint {step} in {directory} (there: {_shown(steps(directory))})")
+        raise CheckpointError(
+            f"no checkpoint {step} in {directory} (there: {_shown(steps(directory))})"
+        )
     manifest = read_manifest(path)
     if manifest.step != step:
         raise DamagedCheckpoint(f"{path} is a copy of checkpoint {manifest.step}")
@@ -134,27 +153,35 @@ def read_meta(directory: Path, step: int) -> dict[str, Any]:
 
 
 def restore(
-    directory: Path, saved: int | Manifest, template: Any, *, hint: str = "", allow_nonfinite: bool = False
+    directory: Path,
+    saved: int | Manifest,
+    template: Any,
+    *,
+    hint: str = "",
+    allow_nonfinite: bool = False,
 ) -> Any:
     """The saved state in the structure of `template`, as NumPy arrays, bit for bit.
 
-    `saved`: its step, or its manifest from `latest` or `verify`, whose files are then not hashed again. `template` is a pytree of arrays or `jax.ShapeDtypeStruct`; nothing is cast or broadcast.
+    `saved`: its step, or its manifest from `latest` or `verify`, whose files are then not hashed
+    again. `template` is a pytree of arrays or `jax.ShapeDtypeStruct`; nothing is cast or broadcast.
     Raises CheckpointError for a damaged checkpoint, for NaN or infinity, and where arrays do not
     fit: it names the first five and ends with `hint` (which setting to change).
     """
     manifest = saved if isinstance(saved, Manifest) else verify(directory, saved)
     path = _step_path(directory, manifest.step)
     expected = match_template(template, manifest.leaves, str(path), hint)
-    arrays = _read(path, manifest)
+    arrays = store.read(path, manifest)
     if not allow_nonfinite and (wrong := nonfinite(arrays)):
         raise CheckpointError(f"{path} refused: NaN or infinity in {wrong}")
     return unflatten(template, [arrays[leaf.path] for leaf in expected])
 
 
 def load(directory: Path, saved: int | Manifest) -> tuple[Arrays, Manifest]:
-    """The saved arrays by path, without a template: for migration, inspection and golden files; `saved` as above."""
+    """The saved arrays by path, without a template: for migration, inspection and golden files;
+    `saved` as above.
+    """
     manifest = saved if isinstance(saved, Manifest) else verify(directory, saved)
-    return _read(_step_path(directory, manifest.step), manifest), manifest
+    return store.read(_step_path(directory, manifest.step), manifest), manifest
 
 
 def remove(directory: Path, step: int) -> None:
@@ -177,86 +204,10 @@ def _holds(final: Path, step: int, digest: str) -> bool:
         _set_aside(final)
         return False
     if manifest.digest != digest:
-        raise CheckpointError(f"{final} is there already with other arrays; a checkpoint is never overwritten")
+        raise CheckpointError(
+            f"{final} is there already with other arrays; a checkpoint is never overwritten"
+        )
     return True
-
-
-def _write(
-    temporary: Path,
-    final: Path,
-    step: int,
-    arrays: Arrays,
-    digest: str,
-    meta: dict[str, Any],
-    players: Roster | None,
-) -> None:
-    """Fill `temporary`, read it back, prove it and see it to the disk."""
-    target = temporary / STATE_NAME
-    # orbax refuses arrays without elements; the manifest alone describes them
-    stored = {path: array for path, array in arrays.items() if array.size}
-    try:
-        with _orbax() as checkpointer:
-            checkpointer.save(target.absolute(), stored)
-    except (OSError, ValueError, RuntimeError) as error:  # how tensorstore reports a full disk
-        raise cannot_write(final, error, _size(arrays)) from error
-    fsync_tree(target)
-    manifest = Manifest(step, digest, leaves_of(arrays), list_files(temporary, STATE_NAME), meta, players)
-    try:
-        _read(temporary, manifest)
-    except CheckpointError as error:
-        message = f"cannot write {final}: what was read back differs ({error})"
-        raise UserError(message, EXIT_CANNOT_WRITE) from error
-    write_new(temporary / MANIFEST_NAME, encode_manifest(manifest))
-    fsync_directory(temporary)
-
-
-def _read(checkpoint: Path, manifest: Manifest) -> Arrays:
-    """Arrays by path, proven by the digest. The files have been checked before they come here."""
-    stored = {leaf.path for leaf in manifest.leaves if 0 not in leaf.shape}
-    try:
-        with _orbax() as checkpointer:
-            arrays = checkpointer.restore((checkpoint / STATE_NAME).absolute(), restore_args=_as_numpy(stored))
-        arrays = {path: np.asarray(array) for path, array in arrays.items()}
-        for leaf in manifest.leaves:
-            if 0 in leaf.shape:
-                arrays[leaf.path] = np.zeros(leaf.shape, np.dtype(leaf.dtype))
-        digest = state_digest(arrays)
-    except Exception as error:
-        reason = " ".join(str(error).split())[:200]
-        raise DamagedCheckpoint(f"{checkpoint} cannot be read: {type(error).__name__}: {reason}") from error
-    if digest != manifest.digest or leaves_of(arrays) != manifest.leaves:
-        raise DamagedCheckpoint(f"{checkpoint} is damaged: its arrays do not match their sha256")
-    return arrays
-
-
-@contextlib.contextmanager
-def _orbax() -> Iterator[Any]:
-    """Orbax's synchronous checkpointer, without the page of log that it prints for a full disk.
-
-    Of several processes it waits for none: only this one reads or writes.
-    """
-    import jax
-    import orbax.checkpoint as ocp
-
-    here = jax.process_index()
-    alone = ocp.options.MultiprocessingOptions(
-        primary_host=here, active_processes={here}, barrier_sync_key_prefix=f"process{here}"
-    )
-    logger = logging.getLogger("absl")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        handler = ocp.PyTreeCheckpointHandler(use_ocdbt=True, multiprocessing_options=alone)
-        with ocp.Checkpointer(handler, multiprocessing_options=alone) as checkpointer:
-            yield checkpointer
-    finally:
-        logger.setLevel(level)
-
-
-def _as_numpy(paths: set[str]) -> dict[str, Any]:
-    import orbax.checkpoint as ocp
-
-    return {path: ocp.RestoreArgs(restore_type=np.ndarray) for path in paths}
 
 
 def _set_aside(path: Path) -> None:
@@ -273,10 +224,6 @@ def _step_path(directory: Path, step: int) -> Path:
     if isinstance(step, bool) or not isinstance(step, int) or not 0 <= step < 10**18:
         raise ValueError(f"step must be an int in [0, 1e18): {step!r}")
     return Path(directory) / str(step)
-
-
-def _size(arrays: Arrays) -> int:
-    return sum(array.nbytes for array in arrays.values())
 
 
 def _shown(found: list[int]) -> str:

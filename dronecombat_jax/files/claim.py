@@ -1,4 +1,6 @@
-"""Who may write into a run's directory: claiming it, noticing that it has gone, replacing it. Needs no JAX."""
+"""Who may write into a run's directory: claiming it, noticing that it has gone, replacing it. Needs
+no JAX.
+"""
 
 import os
 from collections.abc import Iterator

@@ -40,7 +40,9 @@ def _acquire(descriptor: int, directory: Path) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
-            message = f"cannot lock {directory}: {error.strerror} (does this file system support flock?)"
+            message = (
+                f"cannot lock {directory}: {error.strerror} (does this file system support flock?)"
+            )
             raise UserError(message, EXIT_CANNOT_WRITE) from error
         message = f"{directory} is in use by {_holder(descriptor)}; stop it or choose another name"
         raise UserError(message, EXIT_CANNOT_WRITE) from error

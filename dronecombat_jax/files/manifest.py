@@ -61,7 +61,9 @@ class StoredFile(NamedTuple):
 
 
 class Roster(NamedTuple):
-    """The past players that a checkpoint needs (`past_players`): slots 0, 1, ... and a digest over all."""
+    """The past players that a checkpoint needs (`past_players`): slots 0, 1, ... and a digest over
+    all.
+    """
 
     slots: int  # how many
     digest: str
@@ -111,17 +113,19 @@ def read_manifest(checkpoint: Path) -> Manifest:
         if claimed != _body_digest(body):
             raise ValueError("its sha256 does not match its content")
         if body["schema"] > SCHEMA:
-            message = (
-                f"{checkpoint} has format {body['schema']}, this version reads up to {SCHEMA}: upgrade dronecombat-jax"
-            )
+            message = f"{checkpoint} has format {body['schema']}, this version reads up to {SCHEMA}: upgrade dronecombat-jax"
             raise NewerCheckpoint(message)
         return Manifest(
             step=int(body["step"]),
             digest=str(body["digest"]),
             leaves=tuple(Leaf(name, dtype, tuple(shape)) for name, dtype, shape in body["leaves"]),
-            files=tuple(StoredFile(_inside(name), size, digest) for name, size, digest in body["files"]),
+            files=tuple(
+                StoredFile(_inside(name), size, digest) for name, size, digest in body["files"]
+            ),
             meta=dict(body["meta"]),
-            players=None if body.get("players") is None else Roster(int(body["players"][0]), str(body["players"][1])),
+            players=None
+            if body.get("players") is None
+            else Roster(int(body["players"][0]), str(body["players"][1])),
         )
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise DamagedCheckpoint(f"{path} is damaged: {type(error).__name__}: {error}") from error
@@ -130,7 +134,9 @@ def read_manifest(checkpoint: Path) -> Manifest:
 def list_files(checkpoint: Path, folder: str) -> tuple[StoredFile, ...]:
     """Size and sha256 of every file below `checkpoint/folder`, sorted by path."""
     paths = sorted(path for path in (checkpoint / folder).rglob("*") if not path.is_dir())
-    return tuple(StoredFile(path.relative_to(checkpoint).as_posix(), *_measure(path)) for path in paths)
+    return tuple(
+        StoredFile(path.relative_to(checkpoint).as_posix(), *_measure(path)) for path in paths
+    )
 
 
 def check_files(checkpoint: Path, manifest: Manifest) -> None:
@@ -139,7 +145,9 @@ def check_files(checkpoint: Path, manifest: Manifest) -> None:
         path = checkpoint / stored.path
         size, digest = _measure(path)
         if size != stored.size:
-            raise DamagedCheckpoint(f"{path} is damaged: {size:,} bytes, {stored.size:,} were written")
+            raise DamagedCheckpoint(
+                f"{path} is damaged: {size:,} bytes, {stored.size:,} were written"
+            )
         if digest != stored.sha256:
             raise DamagedCheckpoint(f"{path} is damaged: its sha256 does not match")
 

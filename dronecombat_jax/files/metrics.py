@@ -28,7 +28,9 @@ _log = logging.getLogger(__name__)
 class MetricsWriter:
     """Appends records; a context manager. One writer per file: the run's lock sees to it."""
 
-    def __init__(self, path: Path, tensorboard: Path | None = None, *, resume_steps: int | None = None):
+    def __init__(
+        self, path: Path, tensorboard: Path | None = None, *, resume_steps: int | None = None
+    ):
         """Open `path` for appending, and event files below `tensorboard` (None: none).
 
         `resume_steps`: environment steps of the checkpoint that is resumed; TensorBoard hides what
@@ -46,12 +48,18 @@ class MetricsWriter:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
     def write(self, record: Mapping[str, Any]) -> None:
-        """Append one record, which needs "steps" and "seed". Raises UserError 73; no torn line is left."""
+        """Append one record, which needs "steps" and "seed".
+
+        Raises UserError 73; no torn line is left.
+        """
         plain = {key: _plain(key, value) for key, value in record.items()}
         line = json.dumps(plain, allow_nan=False, separators=(",", ":")).encode() + b"\n"
         size = os.fstat(self._descriptor).st_size
@@ -85,7 +93,10 @@ class MetricsWriter:
 
 
 def read(path: Path) -> list[Record]:
-    """Every record. A torn last line is skipped; anything else that is no record is a UserError 3."""
+    """Every record.
+
+    A torn last line is skipped; anything else that is no record is a UserError 3.
+    """
     records, damaged, _ = _scan(path)
     if damaged:
         raise UserError(f"{path}, line {damaged[0]}: not a metrics record", EXIT_DATA)
@@ -93,7 +104,8 @@ def read(path: Path) -> list[Record]:
 
 
 def truncate_after(path: Path, steps: int) -> int:
-    """Cut the records past `steps` environment steps, and a torn last line; returns how many are left.
+    """Cut the records past `steps` environment steps, and a torn last line; returns how many are
+    left.
 
     A log must not stop a resume: lines in the middle that are no records are dropped with a
     warning, and the file as it was is kept as `<name>.damaged`.
@@ -105,7 +117,11 @@ def truncate_after(path: Path, steps: int) -> int:
     if damaged:
         aside = path.with_name(path.name + ".damaged")
         _log.warning(
-            "%s: %d damaged lines dropped, the first is line %d; kept as %s", path, len(damaged), damaged[0], aside.name
+            "%s: %d damaged lines dropped, the first is line %d; kept as %s",
+            path,
+            len(damaged),
+            damaged[0],
+            aside.name,
         )
         write_atomic(aside, path.read_bytes())
     if damaged or torn or len(kept) < len(records):
@@ -134,7 +150,9 @@ def _scan(path: Path) -> tuple[list[tuple[Record, bytes]], list[int], bool]:
 
 
 def _plain(key: str, value: Any) -> Any:
-    """A JSON scalar or a list of them: NumPy's and JAX's become Python's, NaN and infinity become None."""
+    """A JSON scalar or a list of them: NumPy's and JAX's become Python's, NaN and infinity become
+    None.
+    """
     if value is None or isinstance(value, str | bool):
         return value
     if isinstance(value, list):

@@ -1,4 +1,6 @@
-"""Tables of plain values and how they are written: CSV that no spreadsheet executes, JSON that every reader takes."""
+"""Tables of plain values and how they are written: CSV that no spreadsheet executes, JSON that
+every reader takes.
+"""
 
 import csv
 import io
@@ -37,7 +39,10 @@ def to_json(value: Any) -> str:
 
 def records(table: Table) -> dict[str, Any]:
     """The table for JSON: what it is, and one object a row."""
-    return {"about": table.about, "rows": [dict(zip(table.columns, row, strict=True)) for row in table.rows]}
+    return {
+        "about": table.about,
+        "rows": [dict(zip(table.columns, row, strict=True)) for row in table.rows],
+    }
 
 
 def one_line(text: str) -> str:

@@ -1,7 +1,7 @@
 """The directory of one run, `runs/<name>/`: its paths and where to find it.
 
-What does not live here: who may write there (`claim`), the content of the files (`checkpoint`, `metrics`,
-`dronecombat_jax.report`).
+What does not live here: who may write there (`claim`), the content of the files (`checkpoint`,
+`metrics`, `dronecombat_jax.report`).
 """
 
 import difflib
@@ -78,7 +78,9 @@ def run_path(root: Path | str, name: str) -> Path:
     """`root/name`. UserError 2 for a bad name, or where a link leads out of `root`."""
     path = Path(root) / check_name(name)
     if path.resolve().parent != Path(root).resolve():
-        raise UserError(f"run {path} is a link that leads out of {root}: {path.resolve()}", EXIT_CONFIG)
+        raise UserError(
+            f"run {path} is a link that leads out of {root}: {path.resolve()}", EXIT_CONFIG
+        )
     return path
 
 
@@ -95,5 +97,9 @@ def find_run(word: str, root: Path | str = "runs") -> Path:
             return folder
     names = sorted(path.name for path in home.iterdir() if path.is_dir()) if home.is_dir() else []
     close = difflib.get_close_matches(word, names, n=1)
-    hint = f"did you mean {close[0]}?" if close else f"runs there are: {', '.join(names[:10]) or 'none'}"
+    hint = (
+        f"did you mean {close[0]}?"
+        if close
+        else f"runs there are: {', '.join(names[:10]) or 'none'}"
+    )
     raise UserError(f"{word}: no such run; {hint}", EXIT_DATA)

@@ -36,7 +36,9 @@ class EventLog:
             if isinstance(value, int | float) and key not in _NOT_CURVES
         ]
         writer = self._writer(int(record.get("seed") or 0))
-        event = Event(wall_time=time.time(), step=int(record["steps"]), summary=Summary(value=values))
+        event = Event(
+            wall_time=time.time(), step=int(record["steps"]), summary=Summary(value=values)
+        )
         self._attempt(writer.write_event, event)
 
     def flush(self) -> None:
@@ -60,11 +62,14 @@ class EventLog:
         from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
 
         folder.mkdir(parents=True, exist_ok=True)
-        # the library's name has a resolution of one second: a quick restart would overwrite the file
+        # the library's name has a resolution of one second: a quick restart would overwrite the
+        # file
         writer = EventsWriter(str(folder / "events"), f".{os.getpid()}.{secrets.token_hex(4)}")
         if self._resume_steps is not None:
             start = SessionLog(status=SessionLog.START)
-            writer.write_event(Event(wall_time=time.time(), step=self._resume_steps + 1, session_log=start))
+            writer.write_event(
+                Event(wall_time=time.time(), step=self._resume_steps + 1, session_log=start)
+            )
         return writer
 
     def _attempt(self, action: Any, *arguments: Any) -> Any:

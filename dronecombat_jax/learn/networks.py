@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.types import ACTION_SIZE, MLP, OBSERVATION_SIZE, Parameters
 
-# exp(r) - 1 - r over r^2, for |r| <= ln(2) / 2: the polynomial with the least largest error of exp (Remez), 3e-9.
+# exp(r) - 1 - r over r^2, for |r| <= ln(2) / 2: the polynomial with the least largest error of exp
+# (Remez), 3e-9.
 EXPM1_TAIL = (0.5, 0.16666518, 0.041666206, 0.0083688898, 0.0013950494)
 
 
@@ -16,7 +17,9 @@ def init_mlp(key: jax.Array, sizes: tuple[int, ...], hidden_gain: float, output_
     """Orthogonal weights, zero biases; `sizes` are the widths from input to output."""
     gains = [hidden_gain] * (len(sizes) - 2) + [output_gain]
     weights = tuple(
-        jax.nn.initializers.orthogonal(gain)(jax.random.fold_in(key, i), (fan_in, fan_out), jnp.float32)
+        jax.nn.initializers.orthogonal(gain)(
+            jax.random.fold_in(key, i), (fan_in, fan_out), jnp.float32
+        )
         for i, (gain, fan_in, fan_out) in enumerate(zip(gains, sizes[:-1], sizes[1:], strict=True))
     )
     return MLP(weights=weights, biases=tuple(jnp.zeros(size) for size in sizes[1:]))
@@ -27,7 +30,9 @@ def init_parameters(key: jax.Array, learn: LearnConfig) -> Parameters:
     policy_key, value_key = jax.random.split(key)
     hidden = (OBSERVATION_SIZE, *learn.hidden_sizes)
     return Parameters(
-        policy=init_mlp(policy_key, (*hidden, ACTION_SIZE), learn.hidden_gain, learn.policy_output_gain),
+        policy=init_mlp(
+            policy_key, (*hidden, ACTION_SIZE), learn.hidden_gain, learn.policy_output_gain
+        ),
         log_std=jnp.full(ACTION_SIZE, learn.initial_log_std, jnp.float32),
         value=init_mlp(value_key, (*hidden, 1), learn.hidden_gain, learn.hidden_gain),
     )
@@ -41,8 +46,8 @@ def forward(mlp: MLP, x: jax.Array) -> jax.Array:
 def forward_columns(mlp: MLP, x: jax.Array) -> jax.Array:
     """`x` [in, ...] -> [out, ...]: the same, features first.
 
-    XLA's CPU products run at full rate in this layout in all three directions; batch first, the weights' gradient
-    takes twice as long (docs/tuning.md).
+    XLA's CPU products run at full rate in this layout in all three directions; batch first, the
+    weights' gradient takes twice as long (docs/tuning.md).
     """
     for weight, bias in zip(mlp.weights[:-1], mlp.biases[:-1], strict=True):
         x = elu(_affine(weight, bias, x))
@@ -51,14 +56,18 @@ def forward_columns(mlp: MLP, x: jax.Array) -> jax.Array:
 
 @jax.custom_vjp
 def elu(x: jax.Array) -> jax.Array:
-    """x above 0, exp(x) - 1 below; float32. Its slope is taken from its output: no second exponential on the way back."""
+    """x above 0, exp(x) - 1 below; float32. Its slope is taken from its output: no second
+    exponential on the way back.
+    """
     return jnp.where(x > 0.0, x, _expm1_below_zero(x))
 
 
 def _expm1_below_zero(x: jax.Array) -> jax.Array:
-    """exp(x) - 1 for float32 x up to 0, NaN for NaN: relative error 9e-8, on a CPU in 0.6 of the time of XLA's exp(x) - 1.
+    """exp(x) - 1 for float32 x up to 0, NaN for NaN: relative error 9e-8, on a CPU in 0.6 of the
+    time of XLA's exp(x) - 1.
 
-    (2^n - 1) + 2^n (exp(r) - 1), n the integer nearest to x / ln 2 and |r| <= ln(2) / 2 (Cody and Waite 1980).
+    (2^n - 1) + 2^n (exp(r) - 1), n the integer nearest to x / ln 2 and |r| <= ln(2) / 2 (Cody and
+    Waite 1980).
     """
     x = jnp.where(x < -80.0, -80.0, x)  # 2^n stays a normal number; the result is -1 from -18 down
     n = jnp.round(x * (1.0 / math.log(2.0)))
@@ -100,10 +109,11 @@ def gaussian_entropy(log_std: jax.Array) -> jax.Array:
 
 
 def project_log_std(parameters: Parameters, learn: LearnConfig) -> Parameters:
-    """The same with the log standard deviation [4] moved to its nearest bound where it has left them.
+    """The same with the log standard deviation [4] moved to its nearest bound where it has left
+    them.
 
-    After every gradient step, and not in the loss: a clip there has no gradient beyond a bound, so that a parameter
-    could never come back.
+    After every gradient step, and not in the loss: a clip there has no gradient beyond a bound, so
+    that a parameter could never come back.
     """
     bounded = jnp.clip(parameters.log_std, learn.min_log_std, learn.max_log_std)
     return parameters.replace(log_std=bounded)

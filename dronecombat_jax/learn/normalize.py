@@ -15,14 +15,17 @@ def init_scaler(shape: tuple[int, ...]) -> Scaler:
 
 
 def update_scaler(scaler: Scaler, batch: jax.Array, weight: jax.Array) -> Scaler:
-    """Take in those rows of `batch` [..., size] whose `weight` [...] is 1; by Chan et al.'s rule, ddof 1 as torch.var.
+    """Take in those rows of `batch` [..., size] whose `weight` [...] is 1; by Chan et al.'s rule,
+    ddof 1 as torch.var.
 
-    A batch that would make the statistics NaN or infinite is left out: they could never recover. So is an empty one.
+    A batch that would make the statistics NaN or infinite is left out: they could never recover. So
+    is an empty one.
     """
     axes = tuple(range(weight.ndim))
     counts = weight.reshape(*weight.shape, *[1] * scaler.mean.ndim)
     count = jnp.sum(weight)
-    # Times the reciprocal, not divided by: which of the two XLA compiles, and so the last bit, would be the program's choice.
+    # Times the reciprocal, not divided by: which of the two XLA compiles, and so the last bit,
+    # would be the program's choice.
     mean = jnp.sum(batch * counts, axis=axes) * (1.0 / count)
     variance = jnp.sum((batch - mean) ** 2 * counts, axis=axes) * (1.0 / (count - 1.0))
     total = scaler.count + count

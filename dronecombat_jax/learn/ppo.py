@@ -1,6 +1,8 @@
-"""PPO's mathematics on plain arrays: advantages, losses, the KL schedule. No networks, no loops over data.
+"""PPO's mathematics on plain arrays: advantages, losses, the KL schedule. No networks, no loops
+over data.
 
-Every mean is over the steps that count: `weight` is 1 for them and 0 for all others (MAPPO's active masks, Yu et al. 2022).
+Every mean is over the steps that count: `weight` is 1 for them and 0 for all others (MAPPO's active
+masks, Yu et al. 2022).
 
 Sources: GAE, Schulman 2016 (eq. 15); PPO, Schulman 2017 (eq. 14, 16); forms as in skrl 1.4.3.
 """
@@ -39,19 +41,27 @@ def generalized_advantages(
 
 
 def weighted_mean(x: jax.Array, weight: jax.Array) -> jax.Array:
-    """Mean of `x` where `weight` is 1, both [...]; 0 where no weight is. What has weight 0 must be finite."""
+    """Mean of `x` where `weight` is 1, both [...]; 0 where no weight is. What has weight 0 must be
+    finite.
+    """
     return jnp.sum(x * weight) / jnp.maximum(jnp.sum(weight), 1.0)
 
 
 def normalize_advantages(advantage: jax.Array, weight: jax.Array) -> jax.Array:
-    """Zero mean, unit deviation (ddof 1) over those steps of the whole rollout whose `weight` is 1; 0 elsewhere."""
+    """Zero mean, unit deviation (ddof 1) over those steps of the whole rollout whose `weight` is 1;
+    0 elsewhere.
+    """
     counted = weight > 0.0
-    deviation = jnp.where(counted, advantage - weighted_mean(jnp.where(counted, advantage, 0.0), weight), 0.0)
+    deviation = jnp.where(
+        counted, advantage - weighted_mean(jnp.where(counted, advantage, 0.0), weight), 0.0
+    )
     variance = jnp.sum(deviation**2) / jnp.maximum(jnp.sum(weight) - 1.0, 1.0)
     return deviation / (jnp.sqrt(variance) + 1e-8)
 
 
-def policy_loss(log_ratio: jax.Array, advantage: jax.Array, weight: jax.Array, clip: float) -> jax.Array:
+def policy_loss(
+    log_ratio: jax.Array, advantage: jax.Array, weight: jax.Array, clip: float
+) -> jax.Array:
     """Clipped surrogate loss (eq. 16), a scalar to minimise; arguments [B]."""
     ratio = jnp.exp(log_ratio)
     clipped = jnp.clip(ratio, 1.0 - clip, 1.0 + clip)
@@ -68,8 +78,8 @@ def value_loss(
 ) -> jax.Array:
     """Value loss (eq. 17), a scalar; arguments [B], normalised units.
 
-    skrl: the clipped prediction alone; ppo2_max: the larger of clipped and plain (OpenAI baselines);
-    paper_min: the smaller, as eq. 17 prints it; plain: no clip.
+    skrl: the clipped prediction alone; ppo2_max: the larger of clipped and plain (OpenAI
+    baselines); paper_min: the smaller, as eq. 17 prints it; plain: no clip.
     """
     plain = (value - target) ** 2
     clipped = (old_value + jnp.clip(value - old_value, -clip, clip) - target) ** 2

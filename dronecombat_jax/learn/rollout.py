@@ -7,9 +7,19 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import normalize
-from dronecombat_jax.types import ACTION_SIZE, NUM_AGENTS, EnvState, Learner, Policy, Scaler, StepOutput, Transition
+from dronecombat_jax.types import (
+    ACTION_SIZE,
+    NUM_AGENTS,
+    EnvState,
+    Learner,
+    Policy,
+    Scaler,
+    StepOutput,
+    Transition,
+)
 
-# Who flies: the defender's and the attacker's policy; leaves [...], or [N, ...] for one in each environment.
+# Who flies: the defender's and the attacker's policy; leaves [...], or [N, ...] for one in each
+# environment.
 Policies = tuple[Policy, Policy]
 
 
@@ -54,10 +64,12 @@ def act(
     """Draw both agents' actions [N, A, 4] and their log-probabilities [N, A].
 
     `observation` [N, A, 35], `noise` [N, A, 4] standard normal. The log-probability is that of the
-    unclipped Gaussian action, unless `clip_actions` (with which nothing is learnt: docs/fidelity.md).
+    unclipped Gaussian action, unless `clip_actions` (with which nothing is learnt:
+    docs/fidelity.md).
     """
     actions, log_probs = [], []
-    for agent, policy in enumerate(policies):  # unrolled: two plain products beat one batched product on a CPU
+    for agent, policy in enumerate(policies):
+        # unrolled: two plain products beat one batched product on a CPU
         mean = policy_mean(learn, policy, observation[:, agent])
         log_std = jnp.clip(policy.log_std, learn.min_log_std, learn.max_log_std)
         action = mean + jnp.exp(log_std) * noise[:, agent]
@@ -69,7 +81,9 @@ def act(
 
 
 def policy_mean(learn: LearnConfig, policy: Policy, observation: jax.Array) -> jax.Array:
-    """Mean action [..., 4] for raw observations [..., 35]; a policy with leaves [N, ...] flies observations [N, 35]."""
+    """Mean action [..., 4] for raw observations [..., 35]; a policy with leaves [N, ...] flies
+    observations [N, 35].
+    """
     if policy.log_std.ndim > 1:
         return jax.vmap(lambda one, seen: policy_mean(learn, one, seen))(policy, observation)
     return forward(policy.network, scaled(learn, policy.observation_scaler, observation))
@@ -91,7 +105,11 @@ def select(learners: Learner, agent: int) -> Learner:
 
 
 def _transition(
-    observation: jax.Array, action: jax.Array, log_prob: jax.Array, output: StepOutput, after: EnvState
+    observation: jax.Array,
+    action: jax.Array,
+    log_prob: jax.Array,
+    output: StepOutput,
+    after: EnvState,
 ) -> Transition:
     return Transition(
         observation=observation,

@@ -1,7 +1,8 @@
 """The environments of one seed on several devices: which arrays are split, and along which axis.
 
-What lives here: the axis of the mesh and a hint to the compiler, which places the reductions over environments by
-itself (GSPMD). What does not: the mesh and which device holds which part of a state (`selfplay.mesh`).
+What lives here: the axis of the mesh and a hint to the compiler, which places the reductions over
+environments by itself (GSPMD). What does not: the mesh and which device holds which part of a state
+(`selfplay.mesh`).
 """
 
 from typing import TypeVar
@@ -13,9 +14,11 @@ Tree = TypeVar("Tree")
 
 
 def along_environments(tree: Tree, axis: int) -> Tree:
-    """`tree`, each leaf split over the devices along `axis`; as it is in a program without a mesh of environments.
+    """`tree`, each leaf split over the devices along `axis`; as it is in a program without a mesh
+    of environments.
 
-    The values are the same either way, and nothing is drawn by device: only who computes them changes.
+    The values are the same either way, and nothing is drawn by device: only who computes them
+    changes.
     """
     if ENVIRONMENTS not in jax.sharding.get_abstract_mesh().auto_axes:
         return tree

@@ -1,9 +1,10 @@
-"""Settles what JAX and MuJoCo read from the environment, before they start, and says what they run on.
+"""Settles what JAX and MuJoCo read from the environment, before they start, and says what they run
+on.
 
 What lives here: devices, XLA flags, caches, known-bad versions, the banner. What does not: which of
-the user's variables JAX keeps (`jax_variables`), which OpenGL draws (`rendering`), checks of a whole
-machine (`cli.doctor`). Nothing at module level imports JAX or MuJoCo: both read the environment once,
-while they are imported.
+the user's variables JAX keeps (`jax_variables`), which OpenGL draws (`rendering`), checks of a
+whole machine (`cli.doctor`). Nothing at module level imports JAX or MuJoCo: both read the
+environment once, while they are imported.
 """
 
 import contextlib
@@ -32,24 +33,31 @@ BAD_JAX = {
 GOOD_JAX = "'jax==0.12.0.1' 'jaxlib==0.12.0.1'"  # for pip, as in constraints.txt
 GOOD_JAX_3_11 = "'jax==0.9.2' 'jaxlib==0.9.2' 'flax==0.12.6'"  # later ones of flax need a later jax
 DEADLOCK_FLAG = "--xla_cpu_enable_concurrency_optimized_scheduler"
-# XLA ends a process whose devices have waited 40 s for each other, as on a machine that many processes share.
+# XLA ends a process whose devices have waited 40 s for each other, as on a machine that many
+# processes share.
 MEETING_FLAG, MEETING_SECONDS = "--xla_cpu_collective_call_terminate_timeout_seconds", "3600"
 VECTOR_FLAG = "--xla_cpu_prefer_vector_width"
 TRIED_RELEASES = ((0, 9), (0, 13))  # from, before: XLA dies of a flag that it does not know
 DEVICE_VARIABLES = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME", "JAX_DEFAULT_DEVICE")
-PLUGINS = {"gpu": ("jax_cuda13_plugin", "jax_cuda12_plugin", "jax_rocm7_plugin"), "tpu": ("libtpu",)}
+PLUGINS = {
+    "gpu": ("jax_cuda13_plugin", "jax_cuda12_plugin", "jax_rocm7_plugin"),
+    "tpu": ("libtpu",),
+}
 
 _set_by_us: dict[str, str] = {}
 
 
-def prepare(device: str = "auto", cpu_devices: int = 1, join: Callable[[], None] = lambda: None) -> None:
+def prepare(
+    device: str = "auto", cpu_devices: int = 1, join: Callable[[], None] = lambda: None
+) -> None:
     """Set up JAX and MuJoCo for `device`: auto, cpu, gpu or tpu. Call it before either is imported.
 
-    `cpu_devices`: how many devices a CPU shall pretend to be; seeds trained on several never wait for each other.
-    `join`: meets other processes (`processes.join`), which must come before JAX looks at its devices.
-    Where the user has set a variable, it stays, but for those in `jax_variables.FIXED`; only a
-    `device` asked for by name wins over JAX_PLATFORMS. Raises UserError (exit 2) for a known-bad jax,
-    for a device that is not there and for variables with which JAX does not start.
+    `cpu_devices`: how many devices a CPU shall pretend to be; seeds trained on several never wait
+    for each other. `join`: meets other processes (`processes.join`), which must come before JAX
+    looks at its devices. Where the user has set a variable, it stays, but for those in
+    `jax_variables.FIXED`; only a `device` asked for by name wins over JAX_PLATFORMS. Raises
+    UserError (exit 2) for a known-bad jax, for a device that is not there and for variables with
+    which JAX does not start.
     """
     refuse_bad_jax()
     platforms = _platforms(device)
@@ -75,8 +83,9 @@ def require_start() -> None:
 
 
 def set_matmul_precision(precision: str) -> None:
-    """Of float32 matrix products, as JAX names it, unless the user has set it; before `prepare`. Slower and faster ones
-    differ on a GPU (Ampere and later: TensorFloat-32) and on a TPU (bfloat16).
+    """Of float32 matrix products, as JAX names it, unless the user has set it; before `prepare`.
+    Slower and faster ones differ on a GPU (Ampere and later: TensorFloat-32) and on a TPU
+    (bfloat16).
     """
     if precision != "default" and "JAX_DEFAULT_MATMUL_PRECISION" not in os.environ:
         _set("JAX_DEFAULT_MATMUL_PRECISION", precision)
@@ -87,7 +96,9 @@ def refuse_bad_jax() -> None:
     version = metadata.version("jax")
     if version in BAD_JAX:
         good = GOOD_JAX_3_11 if sys.version_info < (3, 12) else GOOD_JAX
-        raise UserError(f"jax {version} cannot be used: {BAD_JAX[version]}. Fix: pip install {good}")
+        raise UserError(
+            f"jax {version} cannot be used: {BAD_JAX[version]}. Fix: pip install {good}"
+        )
 
 
 def import_mjx():
@@ -106,7 +117,10 @@ def banner() -> list[str]:
 
     names = [f"{device.platform}:{device.id} ({device.device_kind})" for device in jax.devices()]
     packages = ("jax", "jaxlib", "mujoco", "mujoco-mjx")
-    versions = [f"python {platform.python_version()}", *(f"{name} {metadata.version(name)}" for name in packages)]
+    versions = [
+        f"python {platform.python_version()}",
+        *(f"{name} {metadata.version(name)}" for name in packages),
+    ]
     ours = [f"{name}={value}" for name, value in _set_by_us.items()]
     return [
         f"machine   {machine()}",
@@ -124,7 +138,9 @@ def machine() -> str:
 
 
 def cache_dir() -> Path:
-    """Folder of compiled programs: $DRONECOMBAT_CACHE, else `dronecombat` in the user's cache folder."""
+    """Folder of compiled programs: $DRONECOMBAT_CACHE, else `dronecombat` in the user's cache
+    folder.
+    """
     if chosen := os.environ.get("DRONECOMBAT_CACHE"):
         return Path(chosen).expanduser().absolute()
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dronecombat"
@@ -146,19 +162,26 @@ def _platforms(device: str) -> str | None:
 
 
 def _prepare_xla(device: str) -> None:
-    """The CPU's widest vectors; and before jax 0.11 XLA's runtime can deadlock on two cores, and cries wolf."""
+    """The CPU's widest vectors; and before jax 0.11 XLA's runtime can deadlock on two cores, and
+    cries wolf.
+    """
     release = _release()
     if device in PLUGINS:
         return
     if TRIED_RELEASES[0] <= release < TRIED_RELEASES[1] and "avx512f" in _cpu()[1].split():
-        _set_flag(VECTOR_FLAG, "512")  # XLA itself stays at 256: learning takes 4 to 7 % longer (docs/tuning.md)
+        # XLA itself stays at 256: learning takes 4 to 7 % longer (docs/tuning.md)
+        _set_flag(VECTOR_FLAG, "512")
     if release >= (0, 11):
         return
     if DEADLOCK_FLAG not in os.environ.get("XLA_FLAGS", ""):
         if "jax" in sys.modules:
-            warnings.warn("JAX was imported before prepare(): if it has computed already, it may hang", stacklevel=3)
+            warnings.warn(
+                "JAX was imported before prepare(): if it has computed already, it may hang",
+                stacklevel=3,
+            )
         _set_flag(DEADLOCK_FLAG, "false")
-    # Every program from the cache logs a page of errors about tuning flags that are no CPU features.
+    # Every program from the cache logs a page of errors about tuning flags that are no CPU
+    # features.
     if "TF_CPP_MIN_LOG_LEVEL" not in os.environ:
         _set("TF_CPP_MIN_LOG_LEVEL", "3")
 
@@ -223,7 +246,9 @@ def _set(variable: str, value: str) -> None:
 
 
 def _fingerprint() -> str:
-    """Version and processor: a program compiled for another processor may die of an illegal instruction."""
+    """Version and processor: a program compiled for another processor may die of an illegal
+    instruction.
+    """
     digest = hashlib.sha256("\n".join(_cpu()).encode()).hexdigest()[:12]
     return f"jax-{metadata.version('jaxlib')}-{digest}"
 
@@ -234,8 +259,12 @@ def _cpu() -> tuple[str, str]:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         lines = []
-    entries = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
-    return entries.get("model name") or platform.machine(), entries.get("flags") or entries.get("Features", "")
+    entries = {
+        key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)
+    }
+    return entries.get("model name") or platform.machine(), entries.get("flags") or entries.get(
+        "Features", ""
+    )
 
 
 def _writable(folder: Path) -> bool:

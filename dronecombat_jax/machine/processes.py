@@ -1,8 +1,10 @@
-"""Several processes that train one run: how they meet, agree and share. Alone, everything here costs nothing.
+"""Several processes that train one run: how they meet, agree and share. Alone, everything here
+costs nothing.
 
-Each process sees all devices and computes its share; only the first one reads and writes the run's directory.
-Whatever waits for the others (`anywhere`, `together`, `agreed`, `from_first`, `on_host`) must be called by every
-process in the same order. What does not live here: which device computes what (`selfplay.mesh`).
+Each process sees all devices and computes its share; only the first one reads and writes the run's
+directory. Whatever waits for the others (`anywhere`, `together`, `agreed`, `from_first`, `on_host`)
+must be called by every process in the same order. What does not live here: which device computes
+what (`selfplay.mesh`).
 """
 
 import hashlib
@@ -28,10 +30,11 @@ _joined = False  # able to wait for each other
 def join(seconds: float) -> None:
     """Meet the other processes, before JAX computes anything.
 
-    Who they are is read from JAX_COORDINATOR_ADDRESS (host:port of the first process), JAX_NUM_PROCESSES and
-    JAX_PROCESS_ID; what is not set there, JAX finds out from SLURM, Open MPI and others. Raises UserError 2 where
-    they do not say enough. Where not all have come after `seconds` the process ends with exit 2 and one line:
-    JAX itself would abort it, so this cannot be an exception.
+    Who they are is read from JAX_COORDINATOR_ADDRESS (host:port of the first process),
+    JAX_NUM_PROCESSES and JAX_PROCESS_ID; what is not set there, JAX finds out from SLURM, Open MPI
+    and others. Raises UserError 2 where they do not say enough. Where not all have come after
+    `seconds` the process ends with exit 2 and one line: JAX itself would abort it, so this cannot
+    be an exception.
     """
     global _joined, _index, _count
     import jax
@@ -39,14 +42,17 @@ def join(seconds: float) -> None:
     count, index = (_number(name) for name in NUMBERS)
     address = os.environ.get(COORDINATOR)
     jax.config.update("jax_cpu_collectives_implementation", "gloo")
-    jax.config.update("jax_enable_preemption_service", False)  # it would catch the signals that we answer
+    # it would catch the signals that we answer
+    jax.config.update("jax_enable_preemption_service", False)
     late = threading.Timer(seconds, _give_up, (seconds, address))
     late.daemon = True
     late.start()
     try:
         jax.distributed.initialize(address, count, index, initialization_timeout=int(seconds) + 60)
     except (ValueError, RuntimeError) as error:
-        raise UserError(f"run.distributed: {_one_line(error)}{_missing(address, count, index)}", EXIT_CONFIG) from None
+        raise UserError(
+            f"run.distributed: {_one_line(error)}{_missing(address, count, index)}", EXIT_CONFIG
+        ) from None
     finally:
         late.cancel()
     _joined, _index, _count = True, jax.process_index(), jax.process_count()
@@ -54,7 +60,8 @@ def join(seconds: float) -> None:
 
 @contextmanager
 def parting() -> Iterator[None]:
-    """A block after which the processes wait for each other and part: what follows is each one's own.
+    """A block after which the processes wait for each other and part: what follows is each one's
+    own.
 
     They part as well where the block raises a UserError, which all of them do (`together`).
     """
@@ -89,7 +96,8 @@ def agreed(text: str) -> bool:
 
 @contextmanager
 def together() -> Iterator[None]:
-    """A block that fails in every process where it fails in one: nobody waits for a process that has stopped.
+    """A block that fails in every process where it fails in one: nobody waits for a process that
+    has stopped.
 
     Raises what the block raised; in the other processes a UserError with the same exit code.
     """
@@ -102,11 +110,15 @@ def together() -> Iterator[None]:
     finally:
         codes = _gathered(code)
         if not code and any(codes):
-            raise UserError(f"process {np.flatnonzero(codes)[0]} has stopped and says why", max(codes))
+            raise UserError(
+                f"process {np.flatnonzero(codes)[0]} has stopped and says why", max(codes)
+            )
 
 
 def from_first(tree: Tree) -> Tree:
-    """`tree` as the first process has it, to the bit; in the others NumPy leaves of its shapes, whatever they hold."""
+    """`tree` as the first process has it, to the bit; in the others NumPy leaves of its shapes,
+    whatever they hold.
+    """
     if not _joined:
         return tree
     import jax
@@ -119,7 +131,9 @@ def from_first(tree: Tree) -> Tree:
     received = multihost_utils.broadcast_one_to_all(packed)
     parts = np.split(received, np.cumsum([leaf.nbytes for leaf in leaves])[:-1])
     pairs = zip(parts, leaves, strict=True)
-    return jax.tree.unflatten(structure, [np.frombuffer(p.tobytes(), x.dtype).reshape(x.shape) for p, x in pairs])
+    return jax.tree.unflatten(
+        structure, [np.frombuffer(p.tobytes(), x.dtype).reshape(x.shape) for p, x in pairs]
+    )
 
 
 def on_host(tree: Any) -> Any:
@@ -165,7 +179,9 @@ def _number(name: str) -> int | None:
 
 
 def _missing(*given: object) -> str:
-    names = [name for name, value in zip((COORDINATOR, *NUMBERS), given, strict=True) if value is None]
+    names = [
+        name for name, value in zip((COORDINATOR, *NUMBERS), given, strict=True) if value is None
+    ]
     return f" (not set: {', '.join(names)}, and no SLURM or Open MPI says it)" if names else ""
 
 

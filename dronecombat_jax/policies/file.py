@@ -1,8 +1,9 @@
-"""One policy as one file to share: what it holds, how it is written, and what is refused on the way in.
+"""One policy as one file to share: what it holds, how it is written, and what is refused on the way
+in.
 
-A file opens without JAX and never runs code. The format and its names: `docs/policies.md`; to fly one with
-NumPy alone: `numpy_policy`. What does not live here: the container (`tensorfile`), the metadata
-(`policy_info`), getting a policy out of a run (`export`).
+A file opens without JAX and never runs code. The format and its names: `docs/policies.md`; to fly
+one with NumPy alone: `numpy_policy`. What does not live here: the container (`tensorfile`), the
+metadata (`policy_info`), getting a policy out of a run (`export`).
 """
 
 import hashlib
@@ -39,21 +40,27 @@ class SavedPolicy(NamedTuple):
 
 
 def save_policy(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False) -> None:
-    """Write one policy (leaves without leading axes) to `path`, whole or not at all; equal input, equal bytes.
+    """Write one policy (leaves without leading axes) to `path`, whole or not at all; equal input,
+    equal bytes.
 
-    Raises UserError 73 where `path` exists (without `force`) or the disk refuses, PolicyError for NaN or
-    infinity and for arrays that are not those of `info.layer_sizes`.
+    Raises UserError 73 where `path` exists (without `force`) or the disk refuses, PolicyError for
+    NaN or infinity and for arrays that are not those of `info.layer_sizes`.
     """
     refuse_overwriting(path, force)
     tensors = tensors_of(policy)
     if fault := _misfit(tensors, info.layer_sizes) or _bad_numbers(tensors):
         raise PolicyError(path, f"not written: {fault}")
     metadata = metadata_of(info)
-    write_atomic(path, tensorfile.encode(tensors, {**metadata, "sha256": digest_of(tensors, metadata)}))
+    write_atomic(
+        path, tensorfile.encode(tensors, {**metadata, "sha256": digest_of(tensors, metadata)})
+    )
 
 
 def load_policy(path: Path) -> SavedPolicy:
-    """Read and check a policy file. Raises PolicyError (exit 3): one line that says what is wrong with it."""
+    """Read and check a policy file.
+
+    Raises PolicyError (exit 3): one line that says what is wrong with it.
+    """
     tensors, metadata = tensorfile.read(path)
     try:
         info = info_of(metadata)
@@ -68,27 +75,40 @@ def load_policy(path: Path) -> SavedPolicy:
 
 
 def refuse_overwriting(path: Path, force: bool) -> None:
-    """Raise UserError 73 where something is at `path` already; with `force` a link is replaced, never followed."""
+    """Raise UserError 73 where something is at `path` already; with `force` a link is replaced,
+    never followed.
+    """
     if len(os.fsencode(path.name)) > MAX_NAME_BYTES:
-        raise UserError(f"the file name {one_line(path.name)} is longer than {MAX_NAME_BYTES} bytes", EXIT_CANNOT_WRITE)
+        raise UserError(
+            f"the file name {one_line(path.name)} is longer than {MAX_NAME_BYTES} bytes",
+            EXIT_CANNOT_WRITE,
+        )
     if os.path.lexists(path) and not force:
         raise UserError(f"{path} is there already; --force replaces it", EXIT_CANNOT_WRITE)
 
 
-def require_environment(info: PolicyInfo, config: Config, *, allow_mismatch: bool = False) -> list[str]:
-    """How the game that a policy was trained in differs from that of `config`; one line each, none where equal.
+def require_environment(
+    info: PolicyInfo, config: Config, *, allow_mismatch: bool = False
+) -> list[str]:
+    """How the game that a policy was trained in differs from that of `config`; one line each, none
+    where equal.
 
-    Raises UserError 3 that names the first five differences, unless they are allowed. A policy that wants
-    other scaling of its observations than `config.learn` is refused in any case: it would fly blindly.
+    Raises UserError 3 that names the first five differences, unless they are allowed. A policy that
+    wants other scaling of its observations than `config.learn` is refused in any case: it would fly
+    blindly.
     """
     if info.normalize_observations != config.learn.normalize_observations:
         wanted = str(info.normalize_observations).lower()
-        raise UserError(f"policy of {info.run}: it needs learn.normalize_observations = {wanted}", EXIT_DATA)
+        raise UserError(
+            f"policy of {info.run}: it needs learn.normalize_observations = {wanted}", EXIT_DATA
+        )
     lines = [one_line(line) for line in environment_diff(info.environment, environment(config))]
     if lines and not allow_mismatch:
         more = f"; and {len(lines) - _MAX_NAMED} more" if len(lines) > _MAX_NAMED else ""
         listed = "; ".join(lines[:_MAX_NAMED])
-        raise UserError(f"policy of {info.run} was trained in another game: {listed}{more}", EXIT_DATA)
+        raise UserError(
+            f"policy of {info.run} was trained in another game: {listed}{more}", EXIT_DATA
+        )
     return lines
 
 
@@ -128,7 +148,9 @@ def _policy(tensors: dict[str, np.ndarray], layers: int) -> Policy:
 
 
 def _misfit(tensors: dict[str, np.ndarray], sizes: tuple[int, ...]) -> str:
-    """The first arrays whose dtype or shape is not that of a network of these sizes; empty where all fit."""
+    """The first arrays whose dtype or shape is not that of a network of these sizes; empty where
+    all fit.
+    """
     layers = list(itertools.pairwise(sizes))
     expected: dict[str, tuple[int, ...]] = {
         **{f"weights.{i}": layer for i, layer in enumerate(layers)},
@@ -147,11 +169,17 @@ def _misfit(tensors: dict[str, np.ndarray], sizes: tuple[int, ...]) -> str:
         if wanted.get(name) != there.get(name)
     ]
     more = f"; and {len(wrong) - _MAX_NAMED} more" if len(wrong) > _MAX_NAMED else ""
-    return f"its arrays are not those of layer_sizes: {'; '.join(wrong[:_MAX_NAMED])}{more}" if wrong else ""
+    return (
+        f"its arrays are not those of layer_sizes: {'; '.join(wrong[:_MAX_NAMED])}{more}"
+        if wrong
+        else ""
+    )
 
 
 def _bad_numbers(tensors: dict[str, np.ndarray]) -> str:
     """Why these arrays cannot fly; empty where they can."""
     if wrong := nonfinite(tensors):
         return f"NaN or infinity in {wrong}"
-    return "observation_variance is negative" if np.any(tensors["observation_variance"] < 0.0) else ""
+    return (
+        "observation_variance is negative" if np.any(tensors["observation_variance"] < 0.0) else ""
+    )

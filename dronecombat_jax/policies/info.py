@@ -1,6 +1,7 @@
 """What a policy file says about its policy: typed here, text in the file. No trust in the text.
 
-The meaning of every name: `docs/policies.md`. What does not live here: the arrays and the file (`policy`).
+The meaning of every name: `docs/policies.md`. What does not live here: the arrays and the file
+(`policy`).
 """
 
 import hashlib
@@ -86,16 +87,22 @@ def metadata_of(info: PolicyInfo) -> dict[str, str]:
 def info_of(metadata: dict[str, str]) -> PolicyInfo:
     """The metadata of a file as data; further ones are ignored.
 
-    Raises ValueError, one line, unless every value is what this version would write for the same policy.
+    Raises ValueError, one line, unless every value is what this version would write for the same
+    policy.
     """
     if metadata.get("format") != FORMAT:
         raise ValueError(f"no policy of dronecombat: its metadata lack format = {FORMAT}")
     if (version := _whole(metadata, "format_version")) > FORMAT_VERSION:
-        raise ValueError(f"it has format {version}, this version reads up to {FORMAT_VERSION}: upgrade dronecombat-jax")
+        raise ValueError(
+            f"it has format {version}, this version reads up to {FORMAT_VERSION}: upgrade dronecombat-jax"
+        )
     info = PolicyInfo(
         role=_matching(metadata, "role", re.compile("|".join(ROLES))),
         layer_sizes=_layer_sizes(metadata),
-        normalize_observations=_matching(metadata, "normalize_observations", re.compile("true|false")) == "true",
+        normalize_observations=_matching(
+            metadata, "normalize_observations", re.compile("true|false")
+        )
+        == "true",
         environment=_environment(metadata),
         run=_matching(metadata, "run", _ID),
         seed=_whole(metadata, "seed"),
@@ -113,9 +120,14 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
 
 def _layer_sizes(metadata: dict[str, str]) -> tuple[int, ...]:
     sizes, hidden = _json(metadata, "layer_sizes"), SCHEMA["learn.hidden_sizes"]
-    fits = isinstance(sizes, list) and (sizes[0:1], sizes[-1:]) == ([OBSERVATION_SIZE], [ACTION_SIZE])
+    fits = isinstance(sizes, list) and (sizes[0:1], sizes[-1:]) == (
+        [OBSERVATION_SIZE],
+        [ACTION_SIZE],
+    )
     if not fits or hidden.problem(sizes[1:-1]):
-        raise _wrong(metadata, "layer_sizes", f"expected {OBSERVATION_SIZE}, {hidden.allowed}, {ACTION_SIZE}")
+        raise _wrong(
+            metadata, "layer_sizes", f"expected {OBSERVATION_SIZE}, {hidden.allowed}, {ACTION_SIZE}"
+        )
     return tuple(sizes)
 
 
@@ -123,7 +135,8 @@ def _environment(metadata: dict[str, str]) -> dict[str, Any]:
     game = _json(metadata, "environment")
     if not isinstance(game, dict):
         raise _wrong(metadata, "environment", "expected an object")
-    for key in ("sim.timestep", "sim.substeps", "game.observation"):  # what other metadata are made from
+    for key in ("sim.timestep", "sim.substeps", "game.observation"):
+        # what other metadata are made from
         if fault := SCHEMA[key].problem(game.get(key)):
             raise ValueError(f"metadata environment: {key} = {shown(game.get(key))}: {fault}")
     return game

@@ -1,9 +1,11 @@
-"""Flies a policy that `dronecombat export` wrote, with NumPy alone. Copy this one file to your robot.
+"""Flies a policy that `dronecombat export` wrote, with NumPy alone. Copy this one file to your
+robot.
 
     policy = NumpyPolicy("attacker.safetensors")
     action = np.clip(policy(observation), -1.0, 1.0)  # [35] -> [4], or [N, 35] -> [N, 4]
 
-`policy.about` tells what the numbers are: observation_fields, action_fields, control_dt, environment.
+`policy.about` tells what the numbers are: observation_fields, action_fields, control_dt,
+environment.
 """
 
 import json
@@ -13,7 +15,9 @@ import numpy as np
 
 
 class NumpyPolicy:
-    """The mean action of one policy, before the game clips it; `about` is the file's metadata, all text."""
+    """The mean action of one policy, before the game clips it; `about` is the file's metadata, all
+    text.
+    """
 
     def __init__(self, path):
         with open(path, "rb") as file:
@@ -21,7 +25,10 @@ class NumpyPolicy:
             header = json.loads(file.read(length)) if length <= 1_000_000 else {}
             data = file.read()
         self.about = header.pop("__metadata__", {})
-        if (self.about.get("format"), self.about.get("format_version")) != ("dronecombat-policy", "1"):
+        if (self.about.get("format"), self.about.get("format_version")) != (
+            "dronecombat-policy",
+            "1",
+        ):
             raise ValueError(f"{path}: no dronecombat policy of format 1")
         arrays = {name: self._array(data, entry) for name, entry in header.items()}
         if not all(np.isfinite(array).all() for array in arrays.values()):
@@ -29,14 +36,18 @@ class NumpyPolicy:
         layers = len(json.loads(self.about["layer_sizes"])) - 1
         self.layers = [(arrays[f"weights.{i}"], arrays[f"biases.{i}"]) for i in range(layers)]
         self.mean = arrays["observation_mean"]
-        self.scale = np.sqrt(arrays["observation_variance"]) + np.float32(self.about["normalization_epsilon"])
+        self.scale = np.sqrt(arrays["observation_variance"]) + np.float32(
+            self.about["normalization_epsilon"]
+        )
         self.clip = np.float32(self.about["normalization_clip"])
         self.normalize = self.about["normalize_observations"] == "true"
 
     def __call__(self, observation):
         x = np.asarray(observation, np.float32)
         if x.shape[-1:] != self.mean.shape:
-            raise ValueError(f"observation of shape {x.shape}: its last axis must be {self.mean.size} long")
+            raise ValueError(
+                f"observation of shape {x.shape}: its last axis must be {self.mean.size} long"
+            )
         if self.normalize:
             x = np.clip((x - self.mean) / self.scale, -self.clip, self.clip)
         for weight, bias in self.layers[:-1]:

@@ -22,9 +22,11 @@ IR_VERSION = 7
 
 
 def save_onnx(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False) -> None:
-    """Write the graph of one policy, with the metadata of `policy.metadata_of`; the draw's log_std is not in it.
+    """Write the graph of one policy, with the metadata of `policy.metadata_of`; the draw's log_std
+    is not in it.
 
-    Raises UserError: 73 where `path` exists (without `force`) or the disk refuses, 2 where onnx is missing.
+    Raises UserError: 73 where `path` exists (without `force`) or the disk refuses, 2 where onnx is
+    missing.
     """
     onnx = require_onnx()
     refuse_overwriting(path, force)
@@ -36,7 +38,11 @@ def require_onnx() -> Any:
     try:
         return importlib.import_module("onnx")
     except ImportError as error:
-        reason = "it is not installed" if isinstance(error, ModuleNotFoundError) else " ".join(str(error).split())[:80]
+        reason = (
+            "it is not installed"
+            if isinstance(error, ModuleNotFoundError)
+            else " ".join(str(error).split())[:80]
+        )
         message = f"an .onnx file needs the onnx package: {reason}. Fix: pip install 'dronecombat-jax[onnx]'"
         raise UserError(message, EXIT_CONFIG) from None
 
@@ -49,28 +55,43 @@ def model_of(onnx: Any, policy: Policy, info: PolicyInfo) -> Any:
     def apply(operator: str, inputs: dict[str, Any], output: str, **attributes: Any) -> str:
         """Add a node on `x` and constants, given by name; returns its output's name."""
         constants.update(inputs)
-        nodes.append(onnx.helper.make_node(operator, [x, *inputs], [output], name=output, **attributes))
+        nodes.append(
+            onnx.helper.make_node(operator, [x, *inputs], [output], name=output, **attributes)
+        )
         return output
 
     if info.normalize_observations:
         x = apply("Sub", {"observation_mean": scaler.mean}, "centred")
-        x = apply("Div", {"observation_scale": np.sqrt(scaler.variance) + np.float32(EPSILON)}, "scaled")
+        x = apply(
+            "Div", {"observation_scale": np.sqrt(scaler.variance) + np.float32(EPSILON)}, "scaled"
+        )
         x = apply("Clip", {"low": -CLIP, "high": CLIP}, "clipped")
     last = len(network.weights) - 1
     for i, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-        x = apply("Gemm", {f"weights.{i}": weight, f"biases.{i}": bias}, "action" if i == last else f"hidden.{i}")
+        x = apply(
+            "Gemm",
+            {f"weights.{i}": weight, f"biases.{i}": bias},
+            "action" if i == last else f"hidden.{i}",
+        )
         if i < last:
             x = apply("Elu", {}, f"elu.{i}", alpha=1.0)
-    value = lambda name, size: onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["N", size])
+    value = lambda name, size: onnx.helper.make_tensor_value_info(
+        name, onnx.TensorProto.FLOAT, ["N", size]
+    )
     graph = onnx.helper.make_graph(
         nodes,
         info.role,
         [value("observation", OBSERVATION_SIZE)],
         [value("action", ACTION_SIZE)],
-        [onnx.numpy_helper.from_array(np.asarray(array, np.float32), name) for name, array in constants.items()],
+        [
+            onnx.numpy_helper.from_array(np.asarray(array, np.float32), name)
+            for name, array in constants.items()
+        ],
     )
     opsets = [onnx.helper.make_opsetid("", OPSET)]
-    model = onnx.helper.make_model(graph, opset_imports=opsets, ir_version=IR_VERSION, producer_name="dronecombat-jax")
+    model = onnx.helper.make_model(
+        graph, opset_imports=opsets, ir_version=IR_VERSION, producer_name="dronecombat-jax"
+    )
     onnx.helper.set_model_props(model, metadata_of(info))
     onnx.checker.check_model(model, full_check=True)
     return model

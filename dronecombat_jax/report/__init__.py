@@ -1,4 +1,6 @@
-"""Drawings alone: figures, tables, pages, pictures, films. Nothing here flies a fight or tests a hypothesis."""
+"""Drawings alone: figures, tables, pages, pictures, films. Nothing here flies a fight or tests a
+hypothesis.
+"""
 
 import contextlib
 import os

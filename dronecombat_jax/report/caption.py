@@ -1,4 +1,6 @@
-"""Text over rendered pictures: title, clock, legend and labels. Pillow, and the font that Matplotlib brings."""
+"""Text over rendered pictures: title, clock, legend and labels. Pillow, and the font that
+Matplotlib brings.
+"""
 
 import functools
 from collections.abc import Sequence
@@ -29,7 +31,9 @@ class Caption:
         band = round(0.125 * self.height)
         self.draw.rectangle((0, 0, self.width, band), fill=_PANEL)
         self._text((self.width / 2, 0.042 * self.height), title, 0.040, bold=True, anchor="mm")
-        self._text((self.width / 2, 0.092 * self.height), subtitle, 0.026, colour=_GREY, anchor="mm")
+        self._text(
+            (self.width / 2, 0.092 * self.height), subtitle, 0.026, colour=_GREY, anchor="mm"
+        )
 
     def legend(self, note: str) -> None:
         """Who has which colour, and `note`, on a dark band at the bottom."""
@@ -39,22 +43,37 @@ class Caption:
         left = 0.03 * self.width
         for name, colour in (*zip(ROLES, TEAM_COLOURS, strict=True), ("target", TARGET_COLOUR)):
             radius = 0.011 * self.height
-            self.draw.ellipse((left - radius, middle - radius, left + radius, middle + radius), fill=to_bytes(colour))
+            self.draw.ellipse(
+                (left - radius, middle - radius, left + radius, middle + radius),
+                fill=to_bytes(colour),
+            )
             self._text((left + 2 * radius, middle), name, size, anchor="lm")
             left += 4.5 * radius + self._font(size, False).getlength(name)
         self._text((0.97 * self.width, middle), note, size, colour=_GREY, anchor="rm")
 
-    def label(self, at: np.ndarray, text: str, colour: Sequence[float], below: float = 0.05) -> None:
+    def label(
+        self, at: np.ndarray, text: str, colour: Sequence[float], below: float = 0.05
+    ) -> None:
         """A word below the point `at` [2], each in [-1, 1] with y up, kept inside the picture."""
         size = 0.024
         half = self._font(size, True).getlength(text) / 2 + 0.012 * self.height
         x = float(np.clip((at[0] + 1) / 2 * self.width, half, self.width - half))
-        y = float(np.clip((1 - at[1]) / 2 * self.height + below * self.height, 0.15 * self.height, 0.9 * self.height))
+        y = float(
+            np.clip(
+                (1 - at[1]) / 2 * self.height + below * self.height,
+                0.15 * self.height,
+                0.9 * self.height,
+            )
+        )
         tall = 0.019 * self.height
-        self.draw.rounded_rectangle((x - half, y - tall, x + half, y + tall), radius=tall / 2, fill=_PANEL)
+        self.draw.rounded_rectangle(
+            (x - half, y - tall, x + half, y + tall), radius=tall / 2, fill=_PANEL
+        )
         self._text((x, y), text, size, colour=lighten(colour), bold=True, anchor="mm")
 
-    def inset(self, pixels: np.ndarray, left: int, top: int, text: str, colour: Sequence[float]) -> None:
+    def inset(
+        self, pixels: np.ndarray, left: int, top: int, text: str, colour: Sequence[float]
+    ) -> None:
         """Another picture inside a coloured frame, named at its lower left."""
         height, width = pixels.shape[:2]
         frame = max(2, round(0.004 * self.height))
@@ -62,7 +81,10 @@ class Caption:
         ImageDraw.Draw(self.image).rectangle(box, fill=to_bytes(colour))
         self.image.paste(Image.fromarray(np.ascontiguousarray(pixels)), (left, top))
         size = 0.022
-        tall, wide = 0.036 * self.height, self._font(size, True).getlength(text) + 0.02 * self.height
+        tall, wide = (
+            0.036 * self.height,
+            self._font(size, True).getlength(text) + 0.02 * self.height,
+        )
         self.draw.rectangle((left, top + height - tall, left + wide, top + height - 1), fill=_PANEL)
         at = (left + wide / 2, top + height - tall / 2)
         self._text(at, text, size, colour=lighten(colour), bold=True, anchor="mm")
@@ -70,9 +92,14 @@ class Caption:
     def banner(self, text: str, colour: Sequence[float]) -> None:
         """The outcome, large, in the middle of the lower third."""
         size, y = 0.052, 0.80 * self.height
-        half, tall = self._font(size, True).getlength(text) / 2 + 0.03 * self.height, 0.048 * self.height
+        half, tall = (
+            self._font(size, True).getlength(text) / 2 + 0.03 * self.height,
+            0.048 * self.height,
+        )
         x = self.width / 2
-        self.draw.rounded_rectangle((x - half, y - tall, x + half, y + tall), radius=tall / 3, fill=(16, 22, 30, 215))
+        self.draw.rounded_rectangle(
+            (x - half, y - tall, x + half, y + tall), radius=tall / 3, fill=(16, 22, 30, 215)
+        )
         self._text((x, y), text, size, colour=lighten(colour), bold=True, anchor="mm")
 
     def pixels(self) -> np.ndarray:

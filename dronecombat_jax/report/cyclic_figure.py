@@ -25,7 +25,9 @@ def cyclic_discs(study: Study) -> Figure:
     panels = list(study.cyclic.items())
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
-    figure, axes = sheet(rows, columns, (5.4, 5.2), "Cyclic part: who suits whom, beyond strength", foot)
+    figure, axes = sheet(
+        rows, columns, (5.4, 5.2), "Cyclic part: who suits whom, beyond strength", foot
+    )
     flat = [ax for row in axes for ax in row]
     for ax, (title, share) in zip(flat, panels, strict=False):
         heading = title if title == ALL else f"{name(title)} among itself"
@@ -41,14 +43,23 @@ def cyclic_discs(study: Study) -> Figure:
 
 def _disc(ax: Axes, part: TournamentResult, share: CyclicShare, heading: str) -> None:
     for role, side, points in zip(
-        ROLES, (part.defenders, part.attackers), (share.defender_disc, share.attacker_disc), strict=True
+        ROLES,
+        (part.defenders, part.attackers),
+        (share.defender_disc, share.attacker_disc),
+        strict=True,
     ):
         _paths(ax, side, points, role)
-    reach = 1.1 * max(np.abs([*share.defender_disc.ravel(), *share.attacker_disc.ravel()]).max(), 0.05)
+    reach = 1.1 * max(
+        np.abs([*share.defender_disc.ravel(), *share.attacker_disc.ravel()]).max(), 0.05
+    )
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     ax.axhline(0.0, color="#999999", linewidth=0.6)
     ax.axvline(0.0, color="#999999", linewidth=0.6)
-    held = "" if np.isnan(share.disc_share) else f"\nthese two dimensions hold {_percent(share.disc_share)} of it"
+    held = (
+        ""
+        if np.isnan(share.disc_share)
+        else f"\nthese two dimensions hold {_percent(share.disc_share)} of it"
+    )
     least = ", the least possible" if share.p_value <= 1 / (1 + share.draws) else ""
     verdict = least if share.p_value < 0.05 else ": no more than noise"
     ax.set_title(

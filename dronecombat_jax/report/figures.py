@@ -1,7 +1,8 @@
 """Learning curves from the records of `metrics.jsonl`.
 
-Defender blue, attacker orange, as in the scene; colours of Okabe and Ito, safe for the colour-blind.
-Thin lines are seeds, thick ones their mean. Reading and writing the records is `files.metrics`.
+Defender blue, attacker orange, as in the scene; colours of Okabe and Ito, safe for the
+colour-blind. Thin lines are seeds, thick ones their mean. Reading and writing the records is
+`files.metrics`.
 """
 
 import io
@@ -36,7 +37,8 @@ OUTCOMES = {
 }
 # What a sound run never shows is named only where it happened.
 FAULTS = ("diverged", "both_invalid", "defender_invalid", "attacker_invalid")
-# Logarithmic axes: where the highest value is below so many times the lowest, these of every decade.
+# Logarithmic axes: where the highest value is below so many times the lowest, these of every
+# decade.
 LOG_TICKS = ((10.0, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)), (1000.0, (1.0, 2.0, 5.0)))
 _SHARE = "share of ended fights"
 PANELS = {  # name of the records' keys: heading, what the axis counts, logarithmic
@@ -134,7 +136,9 @@ def _bin_means(curve: np.ndarray, weight: np.ndarray, size: int) -> np.ndarray:
     weight = np.pad(np.where(np.isfinite(curve), weight, 0.0), pad).reshape(len(curve), -1, size)
     filled = np.pad(np.where(np.isfinite(curve), curve, 0.0), pad).reshape(len(curve), -1, size)
     total = weight.sum(axis=-1)
-    return np.divide((filled * weight).sum(axis=-1), total, out=np.full(total.shape, np.nan), where=total > 0)
+    return np.divide(
+        (filled * weight).sum(axis=-1), total, out=np.full(total.shape, np.nan), where=total > 0
+    )
 
 
 def _mean_over_seeds(values: np.ndarray) -> np.ndarray:
@@ -144,7 +148,8 @@ def _mean_over_seeds(values: np.ndarray) -> np.ndarray:
 def draw_outcomes(ax: Axes, curves: Curves, legend: bool = True) -> None:
     """How fights end, stacked; bins in which none ended are bridged."""
     stack = {name: _mean_over_seeds(curves.values[f"outcome/{name}"]) for name in OUTCOMES}
-    stack |= {name: np.nan_to_num(stack[name]) for name in FAULTS}  # older records do not have them all
+    # older records do not have them all
+    stack |= {name: np.nan_to_num(stack[name]) for name in FAULTS}
     stack = {name: share for name, share in stack.items() if name not in FAULTS or share.any()}
     shares = np.array(list(stack.values()))
     known = np.isfinite(shares).all(axis=0)
@@ -152,7 +157,9 @@ def draw_outcomes(ax: Axes, curves: Curves, legend: bool = True) -> None:
     labels, colours = zip(*(OUTCOMES[name] for name in stack), strict=True)
     if len(steps) == 1:  # a stack of one point has no area
         bottoms = np.cumsum(shares[:, 0]) - shares[:, 0]
-        for share, bottom, label, colour in zip(shares[:, 0], bottoms, labels, colours, strict=True):
+        for share, bottom, label, colour in zip(
+            shares[:, 0], bottoms, labels, colours, strict=True
+        ):
             ax.bar(steps, share, bottom=bottom, width=0.2 * steps[0], color=colour, label=label)
     elif len(steps):
         ax.stackplot(steps, shares, labels=labels, colors=colours, linewidth=0)
@@ -195,7 +202,15 @@ def _draw_lines(ax: Axes, curves: Curves, lines: Mapping[str, str]) -> None:
         )
 
 
-def _finish(ax: Axes, heading: str, unit: str, *, share: bool = False, log: bool = False, legend: bool = True) -> None:
+def _finish(
+    ax: Axes,
+    heading: str,
+    unit: str,
+    *,
+    share: bool = False,
+    log: bool = False,
+    legend: bool = True,
+) -> None:
     drawn = ax.has_data()
     ax.set_title(heading, fontsize=12)
     ax.set_xlabel("environment steps per seed")
@@ -211,11 +226,20 @@ def _finish(ax: Axes, heading: str, unit: str, *, share: bool = False, log: bool
         subs = next((subs for span, subs in LOG_TICKS if high < span * low), (1.0,))
         ax.yaxis.set_major_locator(LogLocator(subs=subs))
         ax.yaxis.set_major_formatter("{x:g}")
-        ax.yaxis.set_minor_formatter(NullFormatter())  # its labels, shown or not, would push the axis label away
+        # its labels, shown or not, would push the axis label away
+        ax.yaxis.set_minor_formatter(NullFormatter())
     if legend and len(ax.get_legend_handles_labels()[0]) > 1:
         ax.legend(fontsize=9, framealpha=0.85)
     if not drawn:
-        ax.text(0.5, 0.5, "nothing measured", transform=ax.transAxes, ha="center", va="center", color="#777777")
+        ax.text(
+            0.5,
+            0.5,
+            "nothing measured",
+            transform=ax.transAxes,
+            ha="center",
+            va="center",
+            color="#777777",
+        )
 
 
 def save_figure(figure: Figure, path: Path) -> None:

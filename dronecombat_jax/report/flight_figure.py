@@ -17,7 +17,10 @@ STYLES = ("-", "--", ":", "-.")  # of the methods
 PANELS = {  # field of `Flown`: heading, unit
     "time": ("Length of a fight", "s"),
     "closing_speed": ("Closing speed at the end", "m/s"),
-    "approach_angle": ("Angle between the velocities at the end", "degrees; 0: a tail chase, 180: head on"),
+    "approach_angle": (
+        "Angle between the velocities at the end",
+        "degrees; 0: a tail chase, 180: head on",
+    ),
     "altitude": ("Mean altitude", "m"),
     "path_ratio": ("Length of the path over the straight line", "1: straight"),
     "control_effort": ("Control effort", "mean of |u|², u in [-1, 1]⁴"),
@@ -77,14 +80,27 @@ def _lines(flown: Sequence[Flown], field: str) -> list[tuple[str, list[float]]]:
     return [("both", [scale * value for value in values])]
 
 
-def _draw(ax: Axes, flown: Sequence[Flown], values: Sequence[float], style: str, label: str, legend: str) -> None:
+def _draw(
+    ax: Axes, flown: Sequence[Flown], values: Sequence[float], style: str, label: str, legend: str
+) -> None:
     steps, table = _by_seed(flown, values)
     there = common(table)
     mean, spread, _ = mean_and_spread(table[:, there])
     colour = ROLE_COLOURS.get(label, "#222222")
-    ax.fill_between(steps[there], mean - spread, mean + spread, color=colour, alpha=0.13, linewidth=0)
+    ax.fill_between(
+        steps[there], mean - spread, mean + spread, color=colour, alpha=0.13, linewidth=0
+    )
     marker = "o" if there.sum() < 30 else None
-    ax.plot(steps[there], mean, style, color=colour, linewidth=1.8, marker=marker, markersize=3, label=legend)
+    ax.plot(
+        steps[there],
+        mean,
+        style,
+        color=colour,
+        linewidth=1.8,
+        marker=marker,
+        markersize=3,
+        label=legend,
+    )
 
 
 def _by_seed(flown: Sequence[Flown], values: Sequence[float]) -> tuple[NDArray, NDArray]:

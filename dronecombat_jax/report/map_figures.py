@@ -1,4 +1,6 @@
-"""Figures of who beats whom: the paper's win-rate maps (figures 6, 7), variance maps (8, 9), and the whole score map."""
+"""Figures of who beats whom: the paper's win-rate maps (figures 6, 7), variance maps (8, 9), and
+the whole score map.
+"""
 
 from collections.abc import Sequence
 
@@ -25,13 +27,17 @@ SCORE_COLOURS = LinearSegmentedColormap.from_list(
 
 
 def win_rate_map(study: Study) -> Figure:
-    """The share of fights that ten defenders win against all attackers, mean over seeds: the paper's figures 6 and 7."""
+    """The share of fights that ten defenders win against all attackers, mean over seeds: the
+    paper's figures 6 and 7.
+    """
     foot = (
         "Each run's defenders against its own attackers; the mean over seeds of the share of fights that the defender "
         f"wins; ten defenders, evenly spaced. The colours span the values that occur. Grey: no seed played it. {own_games(study.result)}"
     )
     title = "Defender's win rate against its own run's attackers, mean over seeds"
-    return _maps(study, title, foot, "share of fights won by the defender", "viridis", variance=False)
+    return _maps(
+        study, title, foot, "share of fights won by the defender", "viridis", variance=False
+    )
 
 
 def variance_map(study: Study) -> Figure:
@@ -56,7 +62,11 @@ def score_map(study: Study) -> Figure:
     rows, columns = _in_order(result.defenders), _in_order(result.attackers)
     tall = min(max(4.5, 0.045 * len(rows) + 2.5), 14.0)
     figure, axes = sheet(
-        1, 1, (min(max(8.0, 0.045 * len(columns) + 4.0), 16.0), tall), "Everyone against everyone", foot
+        1,
+        1,
+        (min(max(8.0, 0.045 * len(columns) + 4.0), 16.0), tall),
+        "Everyone against everyone",
+        foot,
     )
     ax = axes[0][0]
     image = _image(ax, score_rate(result)[np.ix_(rows, columns)], SCORE_COLOURS, (0.0, 1.0))
@@ -99,11 +109,25 @@ def _maps(study: Study, title: str, foot: str, unit: str, colours: str, variance
         if not np.isfinite(values).any():
             nothing(ax, "one seed has no variance")
             continue
-        panels.append((ax, values, _steps(study, maps, chunks[rows], 0), _steps(study, maps, chunks[columns], 1)))
+        panels.append(
+            (
+                ax,
+                values,
+                _steps(study, maps, chunks[rows], 0),
+                _steps(study, maps, chunks[columns], 1),
+            )
+        )
     if not study.methods:
         nothing(axes[0][0], "no trained entrant took part")
-    known = np.concatenate([values[np.isfinite(values)] for _, values, _, _ in panels]) if panels else np.zeros(1)
-    limits = (0.0 if variance else _down(known.min()), max(float(known.max()), 1e-3) if variance else _up(known.max()))
+    known = (
+        np.concatenate([values[np.isfinite(values)] for _, values, _, _ in panels])
+        if panels
+        else np.zeros(1)
+    )
+    limits = (
+        0.0 if variance else _down(known.min()),
+        max(float(known.max()), 1e-3) if variance else _up(known.max()),
+    )
     image = None
     for ax, values, defenders, attackers in panels:
         image = _image(ax, values, colours, limits)
@@ -113,12 +137,20 @@ def _maps(study: Study, title: str, foot: str, unit: str, colours: str, variance
     return figure
 
 
-def _image(ax: Axes, values: NDArray, colours: str | LinearSegmentedColormap, limits: tuple[float, float]) -> AxesImage:
+def _image(
+    ax: Axes, values: NDArray, colours: str | LinearSegmentedColormap, limits: tuple[float, float]
+) -> AxesImage:
     """Row 0 at the bottom; what is NaN is left grey."""
     ax.set_facecolor(MISSING)
     shown = np.ma.masked_invalid(values)
     return ax.imshow(
-        shown, origin="lower", aspect="auto", cmap=colours, vmin=limits[0], vmax=limits[1], interpolation="none"
+        shown,
+        origin="lower",
+        aspect="auto",
+        cmap=colours,
+        vmin=limits[0],
+        vmax=limits[1],
+        interpolation="none",
     )
 
 

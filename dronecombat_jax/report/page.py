@@ -42,7 +42,9 @@ def page(
     pictures: Sequence[Picture],
     tables: Sequence[Table],
 ) -> str:
-    """The page; every text is foreign and is escaped. `verdict`: sentences, and the numbers behind them."""
+    """The page; every text is foreign and is escaped. `verdict`: sentences, and the numbers behind
+    them.
+    """
     links = "".join(f'<a href="#{escape(one.name)}">{escape(one.heading)}</a> ' for one in pictures)
     parts = [
         f"<h1>{_text(title)}</h1>",
@@ -51,10 +53,18 @@ def page(
     ]
     sentences, numbers = verdict
     if sentences:
-        parts += ["<h2>Which defender is better?</h2>", *(f'<p class="verdict">{_text(one)}</p>' for one in sentences)]
-        parts.append(f"<details><summary>The numbers</summary><pre>{escape(numbers)}</pre></details>")
+        parts += [
+            "<h2>Which defender is better?</h2>",
+            *(f'<p class="verdict">{_text(one)}</p>' for one in sentences),
+        ]
+        parts.append(
+            f"<details><summary>The numbers</summary><pre>{escape(numbers)}</pre></details>"
+        )
     if gaps:
-        parts += ["<h2>What is missing, and what to know</h2>", *(f'<p class="gap">{_text(line)}</p>' for line in gaps)]
+        parts += [
+            "<h2>What is missing, and what to know</h2>",
+            *(f'<p class="gap">{_text(line)}</p>' for line in gaps),
+        ]
     parts += [_picture(one) for one in pictures]
     parts += ["<h2 id='tables'>Tables</h2>", *(_table(one) for one in tables)]
     body = "\n".join(parts)
@@ -83,9 +93,14 @@ def _picture(one: Picture) -> str:
 def _table(one: Table) -> str:
     text = [any(isinstance(row[i], str) for row in one.rows) for i in range(len(one.columns))]
     kind = [' class="text"' if is_text else "" for is_text in text]
-    head = "".join(f"<th{k}>{_text(name.replace('_', ' '))}</th>" for name, k in zip(one.columns, kind, strict=True))
+    head = "".join(
+        f"<th{k}>{_text(name.replace('_', ' '))}</th>"
+        for name, k in zip(one.columns, kind, strict=True)
+    )
     rows = "\n".join(
-        "<tr>" + "".join(f"<td{k}>{_cell(value)}</td>" for value, k in zip(row, kind, strict=True)) + "</tr>"
+        "<tr>"
+        + "".join(f"<td{k}>{_cell(value)}</td>" for value, k in zip(row, kind, strict=True))
+        + "</tr>"
         for row in one.rows[:MOST_ROWS]
     )
     cut = f" (the first {MOST_ROWS} of {len(one.rows)})" if len(one.rows) > MOST_ROWS else ""
@@ -100,7 +115,11 @@ def _cell(value: Value) -> str:
     if value is None or value != value:
         return "&ndash;"
     if isinstance(value, str):
-        return f'<span title="{_text(value)}">{_text(value)}</span>' if len(value) > 30 else _text(value)
+        return (
+            f'<span title="{_text(value)}">{_text(value)}</span>'
+            if len(value) > 30
+            else _text(value)
+        )
     if isinstance(value, float):
         return escape(f"{value:.4g}" if abs(value) < 1000 else f"{value:.1f}")
     return escape(f"{value:,}" if isinstance(value, int) and abs(value) >= 10_000 else str(value))

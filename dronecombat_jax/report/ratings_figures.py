@@ -1,4 +1,6 @@
-"""Figures of strength: Elo against training time (the paper's figures 4 and 5), order-free ratings beside Elo."""
+"""Figures of strength: Elo against training time (the paper's figures 4 and 5), order-free ratings
+beside Elo.
+"""
 
 from collections.abc import Sequence
 
@@ -32,7 +34,9 @@ MOST_ROWS = 40  # of the final policies
 
 
 def elo_over_time(study: Study) -> Figure:
-    """Elo of both roles against training time, each run rated by itself: the paper's figures 4 and 5."""
+    """Elo of both roles against training time, each run rated by itself: the paper's figures 4 and
+    5.
+    """
     result, episodes = study.result, min(ELO_EPISODES, study.result.cause.shape[2])
     foot = (
         f"Every run is rated in its own tournament, its defenders against its attackers, by the first {episodes} fights "
@@ -41,7 +45,12 @@ def elo_over_time(study: Study) -> Figure:
         f"{own_games(result, ELO_EPISODES)}"
     )
     figure, axes = sheet(
-        1, max(len(study.methods), 1), (6.4, 4.4), "Elo of both roles over training", foot, sharey=True
+        1,
+        max(len(study.methods), 1),
+        (6.4, 4.4),
+        "Elo of both roles over training",
+        foot,
+        sharey=True,
     )
     for ax, method in zip(axes[0], study.methods, strict=False):
         most = 0
@@ -55,8 +64,18 @@ def elo_over_time(study: Study) -> Figure:
                 ax.plot(line.steps[there], seed[there], color=colour, linewidth=0.7, alpha=0.45)
             all_of_them = common(line.values)
             steps, mean, spread = line.steps[all_of_them], mean[all_of_them], spread[all_of_them]
-            ax.fill_between(steps, mean - spread, mean + spread, color=colour, alpha=0.18, linewidth=0)
-            ax.plot(steps, mean, color=colour, linewidth=2.2, label=role, marker=_marker(steps), markersize=4)
+            ax.fill_between(
+                steps, mean - spread, mean + spread, color=colour, alpha=0.18, linewidth=0
+            )
+            ax.plot(
+                steps,
+                mean,
+                color=colour,
+                linewidth=2.2,
+                label=role,
+                marker=_marker(steps),
+                markersize=4,
+            )
         ax.set_title(f"{name(method)} ({counted(most, 'seed')})", fontsize=12)
         time_axis(ax)
         if not most:
@@ -70,8 +89,13 @@ def elo_over_time(study: Study) -> Figure:
 
 
 def ratings_over_time(study: Study) -> Figure:
-    """Order-free ratings with intervals beside Elo with its spread over orders, of the whole tournament."""
-    columns = {"Bradley-Terry, 95 % interval": study.scale, "Elo, spread over orders": study.elo_scale}
+    """Order-free ratings with intervals beside Elo with its spread over orders, of the whole
+    tournament.
+    """
+    columns = {
+        "Bradley-Terry, 95 % interval": study.scale,
+        "Elo, spread over orders": study.elo_scale,
+    }
     walk = ""
     if study.smooth is not None and study.smooth_scale is not None:
         columns["smoothed Bradley-Terry, 95 % interval"] = study.smooth_scale
@@ -97,7 +121,9 @@ def ratings_over_time(study: Study) -> Figure:
             time_axis(ax)
         row[0].set_ylabel("Elo points")
     trained = np.asarray([bool(one.lineage) for one in study.entrants], bool)
-    axes[0][0].set_ylim(*_limits(np.concatenate([values[trained] for values in (*study.scale, *study.elo_scale)])))
+    axes[0][0].set_ylim(
+        *_limits(np.concatenate([values[trained] for values in (*study.scale, *study.elo_scale)]))
+    )
     _legend(axes[0][0]) if study.methods else [nothing(ax, NO_TRAINING) for ax in axes[0]]
     return figure
 
@@ -117,18 +143,33 @@ def finals(study: Study) -> Figure:
     size = (7.0, 1.6 + 0.3 * min(max(map(len, chosen)), MOST_ROWS))
     figure, axes = sheet(1, 2, size, "Final policies and scripted pilots", foot, sharex=True)
     for ax, role, members in zip(axes[0], ROLES, chosen, strict=True):
-        order = sorted(members, key=lambda one: np.nan_to_num(rated.rating[one], nan=-np.inf))[-MOST_ROWS:]
+        order = sorted(members, key=lambda one: np.nan_to_num(rated.rating[one], nan=-np.inf))[
+            -MOST_ROWS:
+        ]
         ax.set_xlim(*limits)
         for row, one in enumerate(order):
             if np.isnan(rated.rating[one]):
                 ax.text(
-                    float(np.mean(limits)), row, "no fights", ha="center", va="center", color="#777777", fontsize=8.5
+                    float(np.mean(limits)),
+                    row,
+                    "no fights",
+                    ha="center",
+                    va="center",
+                    color="#777777",
+                    fontsize=8.5,
                 )
                 continue
             _interval(ax, row + 0.12, rated.low[one], rated.high[one], limits, ROLE_COLOURS[role])
             ax.plot(rated.rating[one], row + 0.12, "o", color=ROLE_COLOURS[role], markersize=5)
             ax.hlines(row - 0.2, elo.low[one], elo.high[one], color="#777777", linewidth=1.4)
-            ax.plot(elo.rating[one], row - 0.2, "s", color="#777777", markerfacecolor="white", markersize=4)
+            ax.plot(
+                elo.rating[one],
+                row - 0.2,
+                "s",
+                color="#777777",
+                markerfacecolor="white",
+                markersize=4,
+            )
         ax.set_yticks(range(len(order)), [name(members[one], 36) for one in order], fontsize=8.5)
         ax.set_ylim(-0.7, len(order) - 0.3)
         cut_off = f" (the best {MOST_ROWS} of {len(members)})" if len(members) > len(order) else ""
@@ -141,7 +182,10 @@ def finals(study: Study) -> Figure:
 def _sides(study: Study, values: NDArray) -> list[tuple]:
     """(role, entrants, values) of both sides, of `values` [P]."""
     cut = len(study.result.defenders)
-    return [(ROLES[0], study.result.defenders, values[:cut]), (ROLES[1], study.result.attackers, values[cut:])]
+    return [
+        (ROLES[0], study.result.defenders, values[:cut]),
+        (ROLES[1], study.result.attackers, values[cut:]),
+    ]
 
 
 def _last(entrants: Sequence[Entrant]) -> dict[int, str]:
@@ -150,19 +194,31 @@ def _last(entrants: Sequence[Entrant]) -> dict[int, str]:
     return trained | {index: one.label for index, one in enumerate(entrants) if not one.lineage}
 
 
-def _band(ax: Axes, steps: NDArray, rating: NDArray, low: NDArray, high: NDArray, role: str) -> None:
+def _band(
+    ax: Axes, steps: NDArray, rating: NDArray, low: NDArray, high: NDArray, role: str
+) -> None:
     there = np.isfinite(rating)
     if not there.any():
         return
     steps, colour = steps[there], ROLE_COLOURS[role]
     low, high = np.maximum(low[there], -1e5), np.minimum(high[there], 1e5)
-    ax.plot(steps, rating[there], color=colour, linewidth=1.2, label=role, marker=_marker(steps), markersize=3)
+    ax.plot(
+        steps,
+        rating[there],
+        color=colour,
+        linewidth=1.2,
+        label=role,
+        marker=_marker(steps),
+        markersize=3,
+    )
     if len(steps) == 1:
         ax.vlines(steps, low, high, color=colour, linewidth=1.0, alpha=0.6)
     ax.fill_between(steps, low, high, color=colour, alpha=0.16, linewidth=0)
 
 
-def _interval(ax: Axes, y: float, low: float, high: float, limits: tuple[float, float], colour: str) -> None:
+def _interval(
+    ax: Axes, y: float, low: float, high: float, limits: tuple[float, float], colour: str
+) -> None:
     """A line from `low` to `high`, with an arrow where it has no end."""
     ax.hlines(y, max(low, limits[0]), min(high, limits[1]), color=colour, linewidth=1.6)
     for end, limit, marker in ((low, limits[0], "<"), (high, limits[1], ">")):

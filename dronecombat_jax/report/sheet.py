@@ -37,13 +37,17 @@ def sheet(
     figure = Figure(figsize=(width, rows * size[1] + 1.2), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle("\n".join(textwrap.wrap(title, int(width * 8))), fontsize=14)
-    figure.supxlabel("\n".join(textwrap.wrap(foot, int(width * 15.5))), fontsize=8.5, color="#444444")
+    figure.supxlabel(
+        "\n".join(textwrap.wrap(foot, int(width * 15.5))), fontsize=8.5, color="#444444"
+    )
     axes = figure.subplots(rows, columns, squeeze=False, **subplots)
     return figure, [list(row) for row in axes]
 
 
 def games(result: TournamentResult) -> str:
-    """How many fights a figure of the whole tournament rests on, and of how many seeds; for its footer."""
+    """How many fights a figure of the whole tournament rests on, and of how many seeds; for its
+    footer.
+    """
     episodes, played = result.cause.shape[2], int(result.played.sum())
     absent = result.played.size - played
     shape = f"{result.played.shape[0]} defenders x {result.played.shape[1]} attackers x {episodes} fights a cell"
@@ -90,18 +94,26 @@ def timelines_of(
     """
     found: dict[str, Timeline] = {}
     for method in methods:
-        mine = [(one.lineage, one.steps, i) for i, one in showings(entrants) if one.lineage and one.method == method]
+        mine = [
+            (one.lineage, one.steps, i)
+            for i, one in showings(entrants)
+            if one.lineage and one.method == method
+        ]
         lineages, steps = sorted({one[0] for one in mine}), sorted({one[1] for one in mine})
         table = np.full((len(lineages), len(steps)), np.nan)
         for lineage, step, index in mine:
             own = values.get(lineage) if isinstance(values, Mapping) else values
-            table[lineages.index(lineage), steps.index(step)] = np.nan if own is None else own[index]
+            table[lineages.index(lineage), steps.index(step)] = (
+                np.nan if own is None else own[index]
+            )
         found[method] = Timeline(tuple(lineages), np.asarray(steps, int), table)
     return found
 
 
 def mean_and_spread(values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Mean, standard deviation (ddof 1, NaN for fewer than two) and number of the finite ones in each column."""
+    """Mean, standard deviation (ddof 1, NaN for fewer than two) and number of the finite ones in
+    each column.
+    """
     there = np.isfinite(values)
     count = there.sum(axis=0)
     mean = np.where(there, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
@@ -110,7 +122,9 @@ def mean_and_spread(values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def common(values: NDArray) -> NDArray[np.bool_]:
-    """Which columns of `values` [S, T] all seeds have that have any: elsewhere a mean would jump from seed to seed."""
+    """Which columns of `values` [S, T] all seeds have that have any: elsewhere a mean would jump
+    from seed to seed.
+    """
     there = np.isfinite(values)
     return there.sum(axis=0) == max(int(there.any(axis=1).sum()), 1)
 
@@ -130,7 +144,15 @@ def counted(number: int, thing: str) -> str:
 
 def nothing(ax: Axes, reason: str) -> None:
     """Say in the panel why it is empty."""
-    ax.text(0.5, 0.5, textwrap.fill(reason, 40), transform=ax.transAxes, ha="center", va="center", color="#777777")
+    ax.text(
+        0.5,
+        0.5,
+        textwrap.fill(reason, 40),
+        transform=ax.transAxes,
+        ha="center",
+        va="center",
+        color="#777777",
+    )
     ax.set_xticks([])
     ax.set_yticks([])
 

@@ -28,7 +28,8 @@ class Stage:
 
     def __init__(self, scene: Scene, width: int, height: int):
         self.scene = scene
-        self.model = copy.copy(scene.full)  # the camera of the copy moves back, its buffer fits the picture
+        # the camera of the copy moves back, its buffer fits the picture
+        self.model = copy.copy(scene.full)
         self.model.vis.global_.offwidth, self.model.vis.global_.offheight = width, height
         self.model.vis.quality.offsamples = 4
         self.model.vis.quality.shadowsize = 1024
@@ -60,7 +61,9 @@ class Stage:
         mujoco.mj_camlight(self.model, self.data)
 
     def fit_arena_camera(self, points: np.ndarray, aspect: float) -> None:
-        """Move the arena camera straight back until `points` [K, 3] are in the picture, clear of its captions."""
+        """Move the arena camera straight back until `points` [K, 3] are in the picture, clear of
+        its captions.
+        """
         camera = self.scene.arena_camera
         for _ in range(60):
             mujoco.mj_kinematics(self.model, self.data)
@@ -74,7 +77,9 @@ class Stage:
     def project(self, points: np.ndarray, aspect: float) -> np.ndarray:
         """World points [K, 3] to the arena picture [K, 2]: x to the right, y up, each in [-1, 1]."""
         camera = self.scene.arena_camera
-        local = (np.atleast_2d(points) - self.data.cam_xpos[camera]) @ self.data.cam_xmat[camera].reshape(3, 3)
+        local = (np.atleast_2d(points) - self.data.cam_xpos[camera]) @ self.data.cam_xmat[
+            camera
+        ].reshape(3, 3)
         half = np.tan(np.radians(self.model.cam_fovy[camera]) / 2.0)
         depth = np.maximum(-local[:, 2], 1e-3)
         return local[:, :2] / depth[:, None] / (half * np.array([aspect, 1.0]))
@@ -86,7 +91,9 @@ class Stage:
         self._update(camera, true_drones=False)
 
     def show_chase(self, drone: int, towards: np.ndarray, distance: float = 0.55) -> None:
-        """Start a picture from behind a true-size drone, looking over it at the point `towards` [3]."""
+        """Start a picture from behind a true-size drone, looking over it at the point `towards`
+        [3].
+        """
         position = self.data.xpos[self.scene.bodies[drone]]
         heading = np.asarray(towards) - position
         camera = mujoco.MjvCamera()
@@ -106,7 +113,9 @@ class Stage:
         mujoco.mjr_readPixels(image, None, rect, self.renderer)
         return image[::-1]
 
-    def add_drone(self, drone: int, qpos: np.ndarray, alpha: float = 1.0, scale: float = ENLARGEMENT) -> None:
+    def add_drone(
+        self, drone: int, qpos: np.ndarray, alpha: float = 1.0, scale: float = ENLARGEMENT
+    ) -> None:
         """Add an enlarged drone at the pose `qpos` [7]; true poses of the model are not used."""
         rotation = np.empty(9)
         mujoco.mju_quat2Mat(rotation, np.asarray(qpos[3:7], float))
@@ -124,11 +133,17 @@ class Stage:
             added.emission = model.mat_emission[model.geom_matid[geom]]
             added.category = int(mujoco.mjtCatBit.mjCAT_DYNAMIC) if alpha == 1.0 else added.category
 
-    def add_bubble(self, centre: np.ndarray, radius: float, colour: tuple[float, ...], alpha: float) -> None:
+    def add_bubble(
+        self, centre: np.ndarray, radius: float, colour: tuple[float, ...], alpha: float
+    ) -> None:
         """Add a translucent sphere."""
-        self._add(mujoco.mjtGeom.mjGEOM_SPHERE, [radius] * 3, centre, np.eye(3).ravel(), (*colour, alpha))
+        self._add(
+            mujoco.mjtGeom.mjGEOM_SPHERE, [radius] * 3, centre, np.eye(3).ravel(), (*colour, alpha)
+        )
 
-    def add_trail(self, points: np.ndarray, colour: tuple[float, ...], radius: float = 0.022) -> None:
+    def add_trail(
+        self, points: np.ndarray, colour: tuple[float, ...], radius: float = 0.022
+    ) -> None:
         """Add a tube through `points` [K, 3] that fades towards its start."""
         if len(points) > 160:
             points = points[np.unique(np.linspace(0, len(points) - 1, 160).astype(int))]
@@ -140,19 +155,35 @@ class Stage:
         """Add a thin line from `point` down to the floor, and a dot there."""
         foot = np.array([point[0], point[1], 0.004])
         self.add_segment(np.asarray(point, float), foot, 0.006, (*colour, alpha))
-        self._add(mujoco.mjtGeom.mjGEOM_CYLINDER, [0.05, 0.05, 0.002], foot, np.eye(3).ravel(), (*colour, alpha))
+        self._add(
+            mujoco.mjtGeom.mjGEOM_CYLINDER,
+            [0.05, 0.05, 0.002],
+            foot,
+            np.eye(3).ravel(),
+            (*colour, alpha),
+        )
 
-    def add_segment(self, start: np.ndarray, end: np.ndarray, radius: float, rgba: tuple[float, ...]) -> None:
+    def add_segment(
+        self, start: np.ndarray, end: np.ndarray, radius: float, rgba: tuple[float, ...]
+    ) -> None:
         """Add a capsule from `start` to `end`."""
         geom = self._add(mujoco.mjtGeom.mjGEOM_CAPSULE, np.ones(3), start, np.eye(3).ravel(), rgba)
         mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, radius, start, end)
 
     def _update(self, camera: Any, true_drones: bool) -> None:
         self.options.geomgroup[_DRONES] = int(true_drones)
-        self.visuals.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = int(not true_drones)  # a third of the time, barely seen
-        self.options.sitegroup[_BUBBLES] = 0  # drawn here with the radii of the rules in force, without shadow
+        # a third of the time, barely seen
+        self.visuals.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = int(not true_drones)
+        # drawn here with the radii of the rules in force, without shadow
+        self.options.sitegroup[_BUBBLES] = 0
         mujoco.mjv_updateScene(
-            self.model, self.data, self.options, None, camera, mujoco.mjtCatBit.mjCAT_ALL.value, self.visuals
+            self.model,
+            self.data,
+            self.options,
+            None,
+            camera,
+            mujoco.mjtCatBit.mjCAT_ALL.value,
+            self.visuals,
         )
 
     def _add(self, kind: Any, size: Any, position: Any, rotation: Any, rgba: Any) -> Any:

@@ -65,20 +65,34 @@ def outcomes_over_time(study: Study) -> Figure:
         f"tournament. {games(study.result)}"
     )
     rows = max(len(study.methods), 1)
-    figure, axes = sheet(rows, 2, (6.6, 3.6), "How fights end, by training of one side", foot, sharey=True)
+    figure, axes = sheet(
+        rows, 2, (6.6, 3.6), "How fights end, by training of one side", foot, sharey=True
+    )
     handles: dict = {}
     for row, method in zip(axes, study.methods, strict=False):
         for ax, role, told in zip(row, ROLES, study.endings, strict=True):
             side = (study.result.defenders, study.result.attackers)[ROLES.index(role)]
-            lines = {cause: timelines_of(side, told.share[:, cause], [method])[method] for cause in Cause if cause}
+            lines = {
+                cause: timelines_of(side, told.share[:, cause], [method])[method]
+                for cause in Cause
+                if cause
+            }
             one = lines[Cause.INTERCEPT]
             kept = common(one.values)
             if not np.isfinite(one.values).any() or not kept.any():
-                nothing(ax, f"no {role} of this method fought, or its seeds have no checkpoint in common")
+                nothing(
+                    ax,
+                    f"no {role} of this method fought, or its seeds have no checkpoint in common",
+                )
             else:
-                values = {f"outcome/{cause.name.lower()}": line.values[:, kept] for cause, line in lines.items()}
+                values = {
+                    f"outcome/{cause.name.lower()}": line.values[:, kept]
+                    for cause, line in lines.items()
+                }
                 steps = one.steps[kept]
-                draw_outcomes(ax, Curves(list(range(len(one.lineages))), steps, values), legend=False)
+                draw_outcomes(
+                    ax, Curves(list(range(len(one.lineages))), steps, values), legend=False
+                )
                 if len(steps) > 1:
                     ax.set_xlim(steps[0], steps[-1])
                 handles |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
@@ -90,7 +104,13 @@ def outcomes_over_time(study: Study) -> Figure:
             nothing(ax, "no trained entrant took part")
     if handles:
         order = [label for label, _ in OUTCOMES.values() if label in handles]
-        figure.legend([handles[one] for one in order], order, loc="outside right upper", fontsize=9, frameon=False)
+        figure.legend(
+            [handles[one] for one in order],
+            order,
+            loc="outside right upper",
+            fontsize=9,
+            frameon=False,
+        )
     return figure
 
 
@@ -139,7 +159,13 @@ def _summary(ax: Axes, study: Study) -> None:
                 alpha=0.7,
             )
             if len(values):
-                ax.hlines(values.mean(), x - 0.35 * width, x + 0.35 * width, color=colour[method], linewidth=2.5)
+                ax.hlines(
+                    values.mean(),
+                    x - 0.35 * width,
+                    x + 0.35 * width,
+                    color=colour[method],
+                    linewidth=2.5,
+                )
     ax.axhline(0.0, color="#777777", linewidth=0.8, linestyle=":")
     ax.set_xticks(range(len(SUMMARIES)), list(SUMMARIES), fontsize=9)
     ax.set_xlim(-0.6, len(SUMMARIES) - 0.4)

@@ -1,4 +1,6 @@
-"""The numbers behind a tournament's report as tables: rows of plain values, for CSV, JSON and the page."""
+"""The numbers behind a tournament's report as tables: rows of plain values, for CSV, JSON and the
+page.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -39,10 +41,13 @@ def ratings(study: Study) -> Table:
     parts = [np.concatenate([values.sum(axis=1), values.sum(axis=0)]) for values in table]
     wins, draws, losses = parts
     cut = len(result.defenders)
-    wins[cut:], losses[cut:] = parts[2][cut:].copy(), parts[0][cut:].copy()  # an attacker wins what a defender loses
+    # an attacker wins what a defender loses
+    wins[cut:], losses[cut:] = parts[2][cut:].copy(), parts[0][cut:].copy()
     games = np.maximum(wins + draws + losses, 1e-300)
     elo, scale = study.elo_scale, study.scale
-    smooth = np.full(len(games), np.nan) if study.smooth_scale is None else study.smooth_scale.rating
+    smooth = (
+        np.full(len(games), np.nan) if study.smooth_scale is None else study.smooth_scale.rating
+    )
     nash, rank = _in_part(study)
     own, nothing = study.own_elo, np.full(len(games), np.nan)
     rows = [
@@ -79,7 +84,12 @@ def elo_over_time(study: Study) -> Table:
             told = zip(line.steps, *mean_and_spread(line.values), strict=True)
             rows += [(method, role, *row) for row in told]
     about = "Elo of each run in its own tournament (there the mean over all entrants is 1500); mean over seeds."
-    return _table("elo_over_time", about, ["method", "role", "steps", "mean", "standard_deviation", "seeds"], rows)
+    return _table(
+        "elo_over_time",
+        about,
+        ["method", "role", "steps", "mean", "standard_deviation", "seeds"],
+        rows,
+    )
 
 
 def maps(study: Study) -> Table:
@@ -89,15 +99,43 @@ def maps(study: Study) -> Table:
         if members:
             told, chunks = summarise_maps(members), members[0].chunks
             for i, j in np.argwhere(told.runs > 0):
-                rows.append((method, chunks[i], chunks[j], told.mean[i, j], told.variance[i, j], told.runs[i, j]))
-    columns = ["method", "defender_chunk", "attacker_chunk", "win_rate", "variance_over_seeds", "seeds"]
-    return _table("win_rates", "Share of fights won by the defender, against attackers of its own run.", columns, rows)
+                rows.append(
+                    (
+                        method,
+                        chunks[i],
+                        chunks[j],
+                        told.mean[i, j],
+                        told.variance[i, j],
+                        told.runs[i, j],
+                    )
+                )
+    columns = [
+        "method",
+        "defender_chunk",
+        "attacker_chunk",
+        "win_rate",
+        "variance_over_seeds",
+        "seeds",
+    ]
+    return _table(
+        "win_rates",
+        "Share of fights won by the defender, against attackers of its own run.",
+        columns,
+        rows,
+    )
 
 
 def cell_tests(study: Study) -> Table:
     """Where the maps of two methods differ."""
     rows = [
-        (one.first, one.second, one.defenders[i], one.attackers[j], one.difference[i, j], one.adjusted_p[i, j])
+        (
+            one.first,
+            one.second,
+            one.defenders[i],
+            one.attackers[j],
+            one.difference[i, j],
+            one.adjusted_p[i, j],
+        )
         for one in map_tests(study.win_maps)
         for i, j in np.ndindex(one.difference.shape)
     ]
@@ -139,28 +177,57 @@ def cyclic(study: Study) -> Table:
         told = (None,) * 6 if one is None else (*one[:5], one.disc_share)
         rows.append((name, *shape, *told))
     columns = "part defenders attackers raw corrected noise noise_95 p_value disc_share"
-    return _table("cyclic", "Share of the score logits' variance that no rating explains.", columns.split(), rows)
+    return _table(
+        "cyclic",
+        "Share of the score logits' variance that no rating explains.",
+        columns.split(),
+        rows,
+    )
 
 
 def populations(study: Study) -> Table:
     """The value of each method's defenders against all attackers."""
     rows = [(method, one.value, one.low, one.high) for method, one in study.populations.items()]
     about = "Mean score of the defenders of a method as one mixture against the best mixture of all attackers."
-    return _table("population_value", about, ["method", "value", "low_95_over_starts", "high_95_over_starts"], rows)
+    return _table(
+        "population_value",
+        about,
+        ["method", "value", "low_95_over_starts", "high_95_over_starts"],
+        rows,
+    )
 
 
 def endings(study: Study) -> Table:
     """How fights end and how long they last, entrant by entrant."""
     causes = [cause for cause in Cause if cause]
     rows = []
-    for role, side, told in zip(ROLES, (study.result.defenders, study.result.attackers), study.endings, strict=True):
+    for role, side, told in zip(
+        ROLES, (study.result.defenders, study.result.attackers), study.endings, strict=True
+    ):
         for i, one in enumerate(side):
             rows.append(
-                (role, one.label, one.identity, one.steps, told.fights[i], *told.share[i, causes], *told.duration[i])
+                (
+                    role,
+                    one.label,
+                    one.identity,
+                    one.steps,
+                    told.fights[i],
+                    *told.share[i, causes],
+                    *told.duration[i],
+                )
             )
-    columns = ["role", "label", "identity", "steps", "fights", *(cause.name.lower() for cause in causes)]
+    columns = [
+        "role",
+        "label",
+        "identity",
+        "steps",
+        "fights",
+        *(cause.name.lower() for cause in causes),
+    ]
     about = "Shares of all fights of an entrant, and quartiles of their length in seconds."
-    return _table("endings", about, [*columns, "duration_q1", "duration_median", "duration_q3"], rows)
+    return _table(
+        "endings", about, [*columns, "duration_q1", "duration_median", "duration_q3"], rows
+    )
 
 
 def score_matrix(study: Study) -> str:
@@ -168,7 +235,9 @@ def score_matrix(study: Study) -> str:
     result = study.result
     rate = score_rate(result)
     rows = [(one.identity, *values) for one, values in zip(result.defenders, rate, strict=True)]
-    return to_csv(_table("scores", "", ["defender", *(one.identity for one in result.attackers)], rows))
+    return to_csv(
+        _table("scores", "", ["defender", *(one.identity for one in result.attackers)], rows)
+    )
 
 
 def _in_part(study: Study) -> tuple[list[float], list[float]]:
@@ -178,12 +247,17 @@ def _in_part(study: Study) -> tuple[list[float], list[float]]:
         for side in (study.nash_part.defenders, study.nash_part.attackers)
     ]
     found: tuple[list[float], list[float]] = ([], [])
-    sources = (None if study.nash is None else (study.nash.defender, study.nash.attacker), study.alpha_rank)
+    sources = (
+        None if study.nash is None else (study.nash.defender, study.nash.attacker),
+        study.alpha_rank,
+    )
     for role, side in enumerate((study.result.defenders, study.result.attackers)):
         for one in side:
             place = places[role].get(one.identity)
             for numbers, source in zip(found, sources, strict=True):
-                numbers.append(math.nan if place is None or source is None else float(source[role][place]))
+                numbers.append(
+                    math.nan if place is None or source is None else float(source[role][place])
+                )
     return found
 
 

@@ -27,9 +27,14 @@ from dronecombat_jax.tournaments.flights import Flown, load_flights
 from dronecombat_jax.tournaments.grouping import as_compared
 from dronecombat_jax.tournaments.result_file import find_tournament, load_about, load_result
 
-FIGURES: dict[str, tuple[str, Callable[[Study], Figure], str]] = {  # file: heading, what draws it, what it shows
+# file: heading, what draws it, what it shows
+FIGURES: dict[str, tuple[str, Callable[[Study], Figure], str]] = {
     "elo_over_time": ("Elo over training", elo_over_time, "As the paper's figures 4 and 5."),
-    "win_rate_map": ("Win rates", win_rate_map, "As the paper's figures 6 and 7, which clip the colours to 0.25-0.45."),
+    "win_rate_map": (
+        "Win rates",
+        win_rate_map,
+        "As the paper's figures 6 and 7, which clip the colours to 0.25-0.45.",
+    ),
     "variance_map": ("Variance over seeds", variance_map, "As the paper's figures 8 and 9."),
     "ratings_over_time": (
         "Ratings with intervals",
@@ -38,14 +43,24 @@ FIGURES: dict[str, tuple[str, Callable[[Study], Figure], str]] = {  # file: head
     ),
     "finals": ("Final policies", finals, "Where the last policies and the scripted pilots stand."),
     "score_map": ("Everyone against everyone", score_map, "The whole tournament."),
-    "forgetting_profile": ("Forgetting", forgetting_profile, "Whether later policies still beat earlier opponents."),
+    "forgetting_profile": (
+        "Forgetting",
+        forgetting_profile,
+        "Whether later policies still beat earlier opponents.",
+    ),
     "cyclic_discs": ("Cyclic part", cyclic_discs, "What no rating can show: who suits whom."),
-    "outcomes_over_time": ("How fights end", outcomes_over_time, "The causes behind wins and losses."),
+    "outcomes_over_time": (
+        "How fights end",
+        outcomes_over_time,
+        "The causes behind wins and losses.",
+    ),
 }
 
 
 def report(word: str, out: Path | None = None) -> int:
-    """Report on the tournament that `word` names, into its folder unless `out` says where; returns 0."""
+    """Report on the tournament that `word` names, into its folder unless `out` says where; returns
+    0.
+    """
     path = find_tournament(word)
     folder = path if path.is_dir() else path.parent
     about = load_about(path)
@@ -53,7 +68,9 @@ def report(word: str, out: Path | None = None) -> int:
     notes = [str(line) for key in ("missing", "notices") for line in about.get(key, ())]
     title = f"Tournament {folder.resolve().name}"
     flown = load_flights(folder)
-    files = write_report(result, out or folder / "report", title, notes, every=compared.every, flown=flown)
+    files = write_report(
+        result, out or folder / "report", title, notes, every=compared.every, flown=flown
+    )
     print(f"written to {files[0]} and {len(files) - 1} files beside it")
     return 0
 
@@ -67,10 +84,11 @@ def write_report(
     every: int = EVERY,
     flown: Sequence[Flown] = (),
 ) -> list[Path]:
-    """Write everything under `out` and return the files, the page first. UserError 73 where that cannot be.
+    """Write everything under `out` and return the files, the page first. UserError 73 where that
+    cannot be.
 
-    `notes`: what the tournament itself says to be missing; `every`: as in `panel.away_panel`; `flown`:
-    recorded fights, if there are any.
+    `notes`: what the tournament itself says to be missing; `every`: as in `panel.away_panel`;
+    `flown`: recorded fights, if there are any.
     """
     told = study(result, effort)
     for folder in (out, out / "tables"):
@@ -81,7 +99,11 @@ def write_report(
     written, pictures = [], []
     figures = dict(FIGURES)
     if flown:
-        figures["flight_over_time"] = ("How they fly", lambda _: flight_over_time(flown), "Behaviour beside outcomes.")
+        figures["flight_over_time"] = (
+            "How they fly",
+            lambda _: flight_over_time(flown),
+            "Behaviour beside outcomes.",
+        )
     for name, (heading, draw, about) in figures.items():
         path = out / "figures" / f"{name}.png"
         save_figure(draw(told), path)
@@ -100,7 +122,9 @@ def write_report(
     return [out / "report.html", *written]
 
 
-def _verdict(result: TournamentResult, told: Study, out: Path, every: int) -> tuple[tuple[list[str], str], list[str]]:
+def _verdict(
+    result: TournamentResult, told: Study, out: Path, every: int
+) -> tuple[tuple[list[str], str], list[str]]:
     """The comparison of methods in sentences and numbers, or what keeps it from being made."""
     if len(told.methods) < 2:
         return ([], ""), []
@@ -110,13 +134,18 @@ def _verdict(result: TournamentResult, told: Study, out: Path, every: int) -> tu
         return ([], ""), [f"No comparison of methods: {error.message}."]
     write_atomic(out / "tables" / "comparison.json", to_json(verdict_json(verdict)))
     cells = [map_tests.told(one) for one in map_tests.map_tests(told.win_maps)]
-    return ([one.sentence for one in verdict.answers], "\n\n".join([verdict_text(verdict), *cells])), []
+    return (
+        [one.sentence for one in verdict.answers],
+        "\n\n".join([verdict_text(verdict), *cells]),
+    ), []
 
 
 def _summary(result: TournamentResult) -> list[str]:
     defenders, attackers = result.played.shape
     fights = int(result.played.sum()) * result.cause.shape[2]
-    seeds = "; ".join(f"{method}: {count} training seeds" for method, count in seeds_of(result).items())
+    seeds = "; ".join(
+        f"{method}: {count} training seeds" for method, count in seeds_of(result).items()
+    )
     return [
         f"{fights:,} fights: {defenders} defenders against {attackers} attackers, {result.cause.shape[2]} fights a cell, "
         f"each from the same start states. {seeds or 'No trained entrants'}.",

@@ -55,7 +55,8 @@ def render_fight(
     intercept_radius: float = 0.5,
     reach_radius: float = 0.5,
 ) -> None:
-    """Draw the whole fight into `path_png` and film it into `path_film` (a suffix of `FILMS`); None skips one.
+    """Draw the whole fight into `path_png` and film it into `path_film` (a suffix of `FILMS`); None
+    skips one.
 
     Radii in m, of the rules in force. Raises UserError where OpenGL is missing, the trajectory is
     empty or malformed, or a file cannot be written. Files appear only when they are complete.
@@ -98,7 +99,9 @@ def finite_part(trajectory: Trajectory) -> Trajectory:
 
 
 def playback_speed(duration: float) -> float:
-    """The power of 2 nearest to real speed at which `duration` s fill an agreeable video; at least 1/8."""
+    """The power of 2 nearest to real speed at which `duration` s fill an agreeable video; at least
+    1/8.
+    """
     speed = 1.0
     while duration / speed < SHORTEST_VIDEO and speed > 0.125:
         speed /= 2.0
@@ -115,7 +118,9 @@ def interpolate(fight: Trajectory, time: float) -> np.ndarray:
     start, end = fight.time[after - 1], fight.time[after]
     share = float(np.clip((time - start) / (end - start), 0.0, 1.0))
     before, following = fight.qpos[after - 1].reshape(2, 7), fight.qpos[after].reshape(2, 7).copy()
-    following[:, 3:] *= np.where(np.sum(before[:, 3:] * following[:, 3:], axis=1, keepdims=True) < 0, -1.0, 1.0)
+    following[:, 3:] *= np.where(
+        np.sum(before[:, 3:] * following[:, 3:], axis=1, keepdims=True) < 0, -1.0, 1.0
+    )
     mixed = (1.0 - share) * before + share * following
     mixed[:, 3:] /= np.maximum(np.linalg.norm(mixed[:, 3:], axis=1, keepdims=True), 1e-9)
     return mixed.reshape(14)
@@ -125,7 +130,8 @@ def encode(frames: Iterator[np.ndarray]) -> bytes:
     """Frames, uint8 [height, width, 3] of `VIDEO_SIZE`, as h264 in an MP4 that any player opens."""
     import av  # 60 ms that only a video needs
 
-    with tempfile.TemporaryDirectory() as folder:  # `faststart` reads its file again, which needs a name
+    with tempfile.TemporaryDirectory() as folder:
+        # `faststart` reads its file again, which needs a name
         path = Path(folder) / "fight.mp4"
         with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as container:
             stream: Any = container.add_stream("libx264", rate=Fraction(FRAME_RATE))
@@ -175,13 +181,22 @@ def _frames(stage: Stage, fight: Trajectory, radii: tuple[float, float]) -> Iter
     speed = playback_speed(duration)
     last = max(1, round(duration / speed * FRAME_RATE))
     for frame in range(last):
-        yield _frame(stage, fight, radii, fight.time[0] + frame * speed / FRAME_RATE, speed, ended=False)
+        yield _frame(
+            stage, fight, radii, fight.time[0] + frame * speed / FRAME_RATE, speed, ended=False
+        )
     outcome = _frame(stage, fight, radii, fight.time[-1], speed, ended=True)
     for _ in range(1 + round(HOLD * FRAME_RATE)):
         yield outcome
 
 
-def _frame(stage: Stage, fight: Trajectory, radii: tuple[float, float], time: float, speed: float, ended: bool) -> Any:
+def _frame(
+    stage: Stage,
+    fight: Trajectory,
+    radii: tuple[float, float],
+    time: float,
+    speed: float,
+    ended: bool,
+) -> Any:
     width, height = VIDEO_SIZE
     qpos = interpolate(fight, time)
     flown = int(np.searchsorted(fight.time, time, side="right"))
@@ -204,7 +219,9 @@ def _frame(stage: Stage, fight: Trajectory, radii: tuple[float, float], time: fl
     return caption.pixels()
 
 
-def _inset(stage: Stage, fight: Trajectory, qpos: np.ndarray, drone: int, radii: tuple[float, float]) -> Any:
+def _inset(
+    stage: Stage, fight: Trajectory, qpos: np.ndarray, drone: int, radii: tuple[float, float]
+) -> Any:
     """The defender looks at the attacker, the attacker at the target; (pixels, left, top)."""
     width, height = VIDEO_SIZE[0] * 28 // 100, VIDEO_SIZE[1] * 28 // 100
     margin = VIDEO_SIZE[1] * 2 // 100
@@ -215,7 +232,11 @@ def _inset(stage: Stage, fight: Trajectory, qpos: np.ndarray, drone: int, radii:
 
 
 def _add_bubbles(
-    stage: Stage, fight: Trajectory, qpos: np.ndarray, radii: tuple[float, float], cores: bool = False
+    stage: Stage,
+    fight: Trajectory,
+    qpos: np.ndarray,
+    radii: tuple[float, float],
+    cores: bool = False,
 ) -> None:
     """The radii of the rules: interception around the defender, reach around the target."""
     stage.add_bubble(fight.target, radii[1], TARGET_COLOUR, 0.22)
@@ -231,7 +252,9 @@ def _label_ends(stage: Stage, caption: Caption, fight: Trajectory) -> None:
     for drone in _present(fight):
         start, text = _poses(fight, drone)[0, :3], f"{ROLES[drone]}'s start"
         below = drone == DEFENDER  # the fight is between the two: label both on the far side
-        places.append((start * foot if below else start, text, TEAM_COLOURS[drone], 0.045 if below else -0.06))
+        places.append(
+            (start * foot if below else start, text, TEAM_COLOURS[drone], 0.045 if below else -0.06)
+        )
     for point, text, colour, offset in places:
         caption.label(stage.project(point, aspect)[0], text, colour, below=offset)
 
@@ -242,8 +265,12 @@ def _speeds(fight: Trajectory, index: int) -> str:
         for drone in _present(fight)
     ]
     if DEFENDER in _present(fight):
-        parts.append(f"{np.linalg.norm(fight.qpos[index, :3] - fight.qpos[index, 7:10]):.2f} m apart")
-    parts.append(f"attacker {np.linalg.norm(fight.qpos[index, 7:10] - fight.target):.2f} m from the target")
+        parts.append(
+            f"{np.linalg.norm(fight.qpos[index, :3] - fight.qpos[index, 7:10]):.2f} m apart"
+        )
+    parts.append(
+        f"attacker {np.linalg.norm(fight.qpos[index, 7:10] - fight.target):.2f} m from the target"
+    )
     return "   ".join(parts)
 
 

@@ -1,7 +1,7 @@
 """`chunks.jsonl`: one JSON object per chunk and seed, written at the chunk's end.
 
-A chunk is summed up from its iterations' records (`records`), so a run that was stopped inside a chunk sums it
-up to the same numbers. The seconds are this process's own.
+A chunk is summed up from its iterations' records (`records`), so a run that was stopped inside a
+chunk sums it up to the same numbers. The seconds are this process's own.
 """
 
 import math
@@ -40,7 +40,8 @@ class ChunkLog:
         self._writer = MetricsWriter(path)
         self._seconds = {"compile": 0.0, "program": 0.0, "saving": 0.0}
         self._added = 0  # records since the last summary
-        self.flight: float | None = None  # seconds of physics and rollout in an iteration of all seeds, once measured
+        # seconds of physics and rollout in an iteration of all seeds, once measured
+        self.flight: float | None = None
 
     def __enter__(self) -> "ChunkLog":
         return self
@@ -50,7 +51,9 @@ class ChunkLog:
 
     @contextmanager
     def timed(self, what: str) -> Iterator[None]:
-        """Count the block's seconds as compile, program or saving: since the last summary, or the process's start."""
+        """Count the block's seconds as compile, program or saving: since the last summary, or the
+        process's start.
+        """
         start = time.monotonic()
         yield
         self._seconds[what] += time.monotonic() - start
@@ -61,16 +64,20 @@ class ChunkLog:
         self._added += 1
 
     def write(self, selfplay: SelfPlay | None) -> None:
-        """Sum up the chunk that has ended, to the disk; `selfplay` as at its end, NumPy leaves [S, ...].
+        """Sum up the chunk that has ended, to the disk; `selfplay` as at its end, NumPy leaves [S,
+        ...].
 
-        Seconds of all seeds together; rollout (physics and policies) and update are the program's, split by one
-        measurement of flying alone. The save that follows counts with the next chunk: it must cover this record.
+        Seconds of all seeds together; rollout (physics and policies) and update are the program's,
+        split by one measurement of flying alone. The save that follows counts with the next chunk:
+        it must cover this record.
         """
         for index in range(self._config.train.num_seeds):
             seed = self._config.train.seed + index
             rows = [row for row in self._rows if row["seed"] == seed]
             seconds = {f"seconds/{what}": round(value, 3) for what, value in self._split().items()}
-            self._writer.write(summary(rows) | met(self._config, selfplay, index, rows[-1]["chunk"]) | seconds)
+            self._writer.write(
+                summary(rows) | met(self._config, selfplay, index, rows[-1]["chunk"]) | seconds
+            )
         self._writer.sync()
         self._rows.clear()
         self._added = 0
@@ -86,14 +93,18 @@ class ChunkLog:
 
 
 def summary(rows: list[Record]) -> Record:
-    """A chunk of one seed from its iterations' records: shares of all its fights, means over what was learnt."""
+    """A chunk of one seed from its iterations' records: shares of all its fights, means over what
+    was learnt.
+    """
     last, episodes = rows[-1], sum(row["episodes"] for row in rows)
     record = {key: last[key] for key in ("chunk", "iteration", "steps", "seed")}
     record |= {"iterations": len(rows), "episodes": episodes}
     steps = sum(row["episode_steps"] * row["episodes"] for row in rows if row["episodes"])
     record["episode_steps"] = steps / episodes if episodes else None
     for key in SHARES:  # counts come back exactly: a share times its total, to the next integer
-        count = sum(round((row.get(key) or 0.0) * row["episodes"]) for row in rows if row["episodes"])
+        count = sum(
+            round((row.get(key) or 0.0) * row["episodes"]) for row in rows if row["episodes"]
+        )
         record[key] = count / episodes if episodes else None
     record["diverged"] = sum(row.get("diverged", 0) for row in rows)
     for role in ROLES:
@@ -105,12 +116,14 @@ def summary(rows: list[Record]) -> Record:
 
 
 def met(config: Config, selfplay: SelfPlay | None, seed_index: int, chunk: int) -> Record:
-    """Who was met in a chunk (1, 2, ...), and how the live players have fared against each past one so far.
+    """Who was met in a chunk (1, 2, ...), and how the live players have fared against each past one
+    so far.
 
-    `frozen`: the role that was played by its past; `opponent`: its slot, or the mean of the `opponents` different
-    ones that the environments met. `members/<role>`: slots of that role's past players that were met of late, at
-    most 64 with the most games; `games/<role>`, `win_rate/<role>`: theirs. Old games fade (`selfplay.memory`), and the
-    rate is shrunk towards 1/2.
+    `frozen`: the role that was played by its past; `opponent`: its slot, or the mean of the
+    `opponents` different ones that the environments met. `members/<role>`: slots of that role's
+    past players that were met of late, at most 64 with the most games; `games/<role>`,
+    `win_rate/<role>`: theirs. Old games fade (`selfplay.memory`), and the rate is shrunk towards
+    1/2.
     """
     record: Record = {"frozen": None, "opponent": None, "opponents": 0}
     if selfplay is None:

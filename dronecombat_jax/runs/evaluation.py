@@ -23,7 +23,15 @@ from dronecombat_jax.learn.rollout import policy_of, select
 from dronecombat_jax.policies.file import as_flown
 from dronecombat_jax.runs.records import ENDINGS
 from dronecombat_jax.runs.resume import load_state, newest_start
-from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, FightResult, Outcome, Policy, TrainState
+from dronecombat_jax.types import (
+    ATTACKER,
+    DEFENDER,
+    ROLES,
+    FightResult,
+    Outcome,
+    Policy,
+    TrainState,
+)
 
 
 class SavedRun(NamedTuple):
@@ -37,11 +45,15 @@ class SavedRun(NamedTuple):
 
 
 def load_run(path: Path, chunk: int | None = None) -> SavedRun:
-    """Read a checkpoint (`chunk` 0: untrained; None: the newest) and the configuration it was made with. UserError 3."""
+    """Read a checkpoint (`chunk` 0: untrained; None: the newest) and the configuration it was made
+    with. UserError 3.
+    """
     start = newest_start(RunDirectory(path), chunk)
     combat = Combat(start.config)
     met = start.meta.get("environment") or environment(start.config, combat.scene)
-    return SavedRun(start.config, combat, start.iteration, load_state(start, combat, pools=False), met)
+    return SavedRun(
+        start.config, combat, start.iteration, load_state(start, combat, pools=False), met
+    )
 
 
 def policies(run: SavedRun, seed_index: int) -> tuple[Policy, Policy]:
@@ -57,13 +69,17 @@ class Match(NamedTuple):
     fights: int = 0  # 0: as many as the run's own evaluation, `run.evaluation_fights`
     seed: int = 0  # of the start states
     stochastic: bool = False  # draw the policies' actions instead of taking their mean
-    defender: str = ""  # a scripted pilot in the defender's place (combat.scripted.PILOTS); "": the run's own
+    # a scripted pilot in the defender's place (combat.scripted.PILOTS); "": the run's own
+    defender: str = ""
     attacker: str = ""
-    spawn: str = ""  # "fixed" (the three points themselves) or "uniform" starts; "": those of the run
+    # "fixed" (the three points themselves) or "uniform" starts; "": those of the run
+    spawn: str = ""
 
 
 def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
-    """The fights of `match` with the policies of one of the run's seeds; NumPy leaves. UserError for an unknown pilot."""
+    """The fights of `match` with the policies of one of the run's seeds; NumPy leaves. UserError
+    for an unknown pilot.
+    """
     fights = match.fights or run.config.run.evaluation_fights
     game = run.config.game
     if match.spawn:
@@ -199,5 +215,9 @@ def _wilson(hits: int, total: int) -> tuple[float, float, float]:
     """Share and its 95 % score interval (Wilson 1927)."""
     z, share = 1.959964, hits / total
     centre = (share + z * z / (2 * total)) / (1 + z * z / total)
-    half = z / (1 + z * z / total) * math.sqrt(share * (1 - share) / total + z * z / (4 * total * total))
+    half = (
+        z
+        / (1 + z * z / total)
+        * math.sqrt(share * (1 - share) / total + z * z / (4 * total * total))
+    )
     return share, max(0.0, centre - half), min(1.0, centre + half)

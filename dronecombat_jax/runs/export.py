@@ -1,4 +1,6 @@
-"""`dronecombat export`: one policy out of a run's checkpoint into one file, safetensors or ONNX by its suffix."""
+"""`dronecombat export`: one policy out of a run's checkpoint into one file, safetensors or ONNX by
+its suffix.
+"""
 
 import hashlib
 import re
@@ -18,7 +20,13 @@ from dronecombat_jax.types import ACTION_SIZE, DEFENDER, OBSERVATION_SIZE, ROLES
 
 
 def export(
-    path: Path, out: Path, role: str, *, chunk: int | None = None, seed: int | None = None, force: bool = False
+    path: Path,
+    out: Path,
+    role: str,
+    *,
+    chunk: int | None = None,
+    seed: int | None = None,
+    force: bool = False,
 ) -> int:
     """Write the policy of `role` from the run at `path` to `out`; returns 0.
 
@@ -39,11 +47,16 @@ def export(
     return 0
 
 
-def policy_of_run(run: SavedRun, directory: RunDirectory, role: str, seed: int | None) -> tuple[Policy, PolicyInfo]:
+def policy_of_run(
+    run: SavedRun, directory: RunDirectory, role: str, seed: int | None
+) -> tuple[Policy, PolicyInfo]:
     """One policy of a run (NumPy leaves) and where it comes from."""
     config = run.config
     if config.game.scenario == "solo" and role == ROLES[DEFENDER]:
-        raise UserError(f"{directory.path} is a solo run: its defender never flew; take --role attacker", EXIT_CONFIG)
+        raise UserError(
+            f"{directory.path} is a solo run: its defender never flew; take --role attacker",
+            EXIT_CONFIG,
+        )
     index = _seed_index(run, directory, seed)
     info = PolicyInfo(
         role=role,
@@ -73,5 +86,7 @@ def _seed_index(run: SavedRun, directory: RunDirectory, seed: int | None) -> int
 
 
 def _identifier(name: str) -> str:
-    """A folder's name with everything but plain characters replaced: it goes into messages and tables."""
+    """A folder's name with everything but plain characters replaced: it goes into messages and
+    tables.
+    """
     return re.sub(r"[^A-Za-z0-9._-]", "-", name)[:100].lstrip(".") or "run"

@@ -1,7 +1,8 @@
-"""`dronecombat train --fork NEW_NAME`: another run, begun from a checkpoint of an existing one with other settings.
+"""`dronecombat train --fork NEW_NAME`: another run, begun from a checkpoint of an existing one with
+other settings.
 
-The counters go on from the checkpoint, so steps, chunks and random numbers are those of a run that has come this
-far. What does not live here: a run that goes on unchanged (`resume`).
+The counters go on from the checkpoint, so steps, chunks and random numbers are those of a run that
+has come this far. What does not live here: a run that goes on unchanged (`resume`).
 """
 
 from typing import TYPE_CHECKING, Any
@@ -27,14 +28,21 @@ if TYPE_CHECKING:
 
 # Steps and chunks are counted in iterations, all of one length.
 COUNTED_IN = ("learn.rollout_steps", "train.chunk_iterations")
-SHAPES = ("learn.hidden_sizes", "train.num_envs", "train.num_seeds", "selfplay.probability", "selfplay.roles")
+SHAPES = (
+    "learn.hidden_sizes",
+    "train.num_envs",
+    "train.num_seeds",
+    "selfplay.probability",
+    "selfplay.roles",
+)
 ONLY_AT_THE_START = ("learn.hidden_gain", "learn.policy_output_gain", "learn.initial_log_std")
 
 
 def fork_start(source: RunDirectory, chunk: int | None, config: Config) -> Start:
     """The checkpoint to fork: the newest good one of `source`, or that of `chunk`.
 
-    Raises UserError 2 where `config` changes how iterations are counted, 3 where there is no such checkpoint.
+    Raises UserError 2 where `config` changes how iterations are counted, 3 where there is no such
+    checkpoint.
     """
     start = newest_start(source, chunk)
     keys = [key for key, *_ in settings.diff(start.config, config)]
@@ -60,15 +68,17 @@ def check_origin(run: RunDirectory, start: Start, source: RunDirectory) -> None:
     """Refuse, UserError 2, to go on with `run` where it is no fork of `source`."""
     if dict(start.meta.get("forked") or {}).get("run") != source.name:
         raise UserError(
-            f"{run.path} is there already and is no fork of {source.path}: choose another name for --fork", EXIT_CONFIG
+            f"{run.path} is there already and is no fork of {source.path}: choose another name for --fork",
+            EXIT_CONFIG,
         )
 
 
 def forked_state(start: Start, config: Config, combat: "Combat") -> "TrainState":
     """The state of the checkpoint as the new run goes on from it; leaves [S, ...].
 
-    Seeds and, where it was changed, the learning rate are those of `config`; in a changed environment
-    all fights begin anew. UserError 3 names the first arrays that do not fit, and the setting.
+    Seeds and, where it was changed, the learning rate are those of `config`; in a changed
+    environment all fights begin anew. UserError 3 names the first arrays that do not fit, and the
+    setting.
     """
     import jax
 
@@ -81,7 +91,10 @@ def forked_state(start: Start, config: Config, combat: "Combat") -> "TrainState"
     reshaped = [key for key in SHAPES if key in changed]
     template = jax.eval_shape(lambda: init_state(combat))
     match_template(
-        template, leaves_of(flatten(state)), str(start.path), f"--fork cannot change {', '.join(reshaped) or 'this'}"
+        template,
+        leaves_of(flatten(state)),
+        str(start.path),
+        f"--fork cannot change {', '.join(reshaped) or 'this'}",
     )
     first = config.train.seed
     state = state.replace(seed=np.arange(first, first + config.train.num_seeds, dtype=np.uint32))
@@ -101,4 +114,6 @@ def _new_fights(combat: "Combat", state: "TrainState") -> Any:
 
     from dronecombat_jax.selfplay.chunk import reset_fights
 
-    return jax.jit(jax.vmap(lambda seed, iteration: reset_fights(combat, seed, iteration)))(state.seed, state.iteration)
+    return jax.jit(jax.vmap(lambda seed, iteration: reset_fights(combat, seed, iteration)))(
+        state.seed, state.iteration
+    )

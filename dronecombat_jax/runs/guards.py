@@ -1,4 +1,5 @@
-"""When training has to stop: too many diverged fights, too many lost updates, a device that fails. And the state then.
+"""When training has to stop: too many diverged fights, too many lost updates, a device that fails.
+And the state then.
 
 One diverged fight is a draw and one gradient that is not finite is skipped, both inside the program
 (`combat.env`, `learn.ippo`). What lives here counts them across program calls.
@@ -34,7 +35,8 @@ class Watch:
         self._skipped = np.zeros((config.train.num_seeds, NUM_AGENTS), int)
 
     def verdict(self, report: IterationMetrics, first_iteration: int) -> str:
-        """Why training must stop after these iterations, or ""; leaves of `report` are NumPy [S, I, ...].
+        """Why training must stop after these iterations, or ""; leaves of `report` are NumPy [S, I,
+        ...].
 
         Iterations in which an agent does not learn neither count nor end its row.
         """
@@ -44,7 +46,9 @@ class Watch:
         many = np.asarray(report.diverged) > DIVERGED_SHARE * train.num_envs
         for i in range(many.shape[1]):
             self._diverged = np.where(many[:, i], self._diverged + 1, 0)
-            self._skipped = np.where(learning[:, i], np.where(lost[:, i], self._skipped + 1, 0), self._skipped)
+            self._skipped = np.where(
+                learning[:, i], np.where(lost[:, i], self._skipped + 1, 0), self._skipped
+            )
             done = first_iteration + i + 1
             if np.any(self._diverged >= DIVERGED_ITERATIONS):
                 seed = train.seed + int(np.argmax(self._diverged))
@@ -62,9 +66,11 @@ class Watch:
 
 
 def write_dump(run: RunDirectory, state: Any, report: IterationMetrics, iteration: int) -> str:
-    """Save state and last metrics (NumPy leaves) as `diverged-<iteration>.npz` and say where; never raises UserError.
+    """Save state and last metrics (NumPy leaves) as `diverged-<iteration>.npz` and say where; never
+    raises UserError.
 
-    The steps before are not kept: from the last checkpoint the same command repeats them, bit for bit.
+    The steps before are not kept: from the last checkpoint the same command repeats them, bit for
+    bit.
     """
     path = run.path / f"diverged-{iteration}.npz"
     arrays = {f"state/{name}": array for name, array in flatten(state).items()}
@@ -80,7 +86,9 @@ def write_dump(run: RunDirectory, state: Any, report: IterationMetrics, iteratio
 
 @contextmanager
 def device_errors() -> Iterator[None]:
-    """Turn what a device says when it fails into one line: UserError 2 out of memory, 75 for all else."""
+    """Turn what a device says when it fails into one line: UserError 2 out of memory, 75 for all
+    else.
+    """
     import jax
 
     try:

@@ -1,4 +1,5 @@
-"""What a training leaves behind between two program calls: records, progress, checkpoints, a dump where it diverged.
+"""What a training leaves behind between two program calls: records, progress, checkpoints, a dump
+where it diverged.
 
 The first process has a keeper, any other has none: it computes its share and writes nothing.
 """
@@ -26,19 +27,26 @@ class Keeper:
         with ExitStack() as stack:
             self.chunks = stack.enter_context(ChunkLog(config, run.chunks, run.metrics, iteration))
             steps = iteration * config.steps_per_iteration
-            self._metrics = stack.enter_context(MetricsWriter(run.metrics, run.tensorboard, resume_steps=steps))
+            self._metrics = stack.enter_context(
+                MetricsWriter(run.metrics, run.tensorboard, resume_steps=steps)
+            )
             self._files = stack.pop_all()
 
     def __enter__(self) -> "Keeper":
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self._files.close()
 
     def write(self, report: IterationMetrics, iteration: int) -> None:
-        """Record and show what one call reported, leaves NumPy [S, I, ...]; `iteration`: done before it."""
+        """Record and show what one call reported, leaves NumPy [S, I, ...]; `iteration`: done
+        before it.
+        """
         for record in records(self._config, report, iteration):
             self._metrics.write(record)
             self.chunks.add(record)
@@ -53,10 +61,14 @@ class Keeper:
         with self.chunks.timed("saving"):
             self._saver.save(state)
 
-    def fail(self, reason: str, state: TrainState, report: IterationMetrics, iteration: int) -> None:
+    def fail(
+        self, reason: str, state: TrainState, report: IterationMetrics, iteration: int
+    ) -> None:
         """Dump the state of a training that diverged; raises UserError 4 that says where."""
         kept = write_dump(self._saver.run, state, report, iteration)
-        raise UserError(f"training diverged: {reason}; {kept}, and the last checkpoint is intact", EXIT_DIVERGED)
+        raise UserError(
+            f"training diverged: {reason}; {kept}, and the last checkpoint is intact", EXIT_DIVERGED
+        )
 
     def finish(self) -> None:
         """Raise the refusal of a disk that no later save has made good."""

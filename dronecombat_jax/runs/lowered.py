@@ -1,10 +1,12 @@
-"""Lowered programs, kept between processes: tracing and lowering the training program takes seconds of every start.
+"""Lowered programs, kept between processes: tracing and lowering the training program takes seconds
+of every start.
 
-The compiled code itself is kept by JAX (`backend`); to look it up JAX needs the lowered program, and to get that it
-traces thousands of operations. Here that text (StableHLO, `jax.export`) is kept in a file, together with what it was
-made from: every file that Python had loaded once it was traced, and the MJCF. As in make, it is good as long as none of
-them has changed. A process that was started as a command trusts it; anything else may have replaced a function in
-memory, which no file tells, and always traces (`keep`).
+The compiled code itself is kept by JAX (`backend`); to look it up JAX needs the lowered program,
+and to get that it traces thousands of operations. Here that text (StableHLO, `jax.export`) is kept
+in a file, together with what it was made from: every file that Python had loaded once it was
+traced, and the MJCF. As in make, it is good as long as none of them has changed. A process that was
+started as a command trusts it; anything else may have replaced a function in memory, which no file
+tells, and always traces (`keep`).
 """
 
 import contextlib
@@ -33,11 +35,15 @@ if TYPE_CHECKING:
 PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "flax", "optax")
 VARIABLES = ("JAX_", "XLA_", "MJX_")  # what they are called that tracing may read
 
-_began: int | None = None  # when this process began to keep programs, ns since the epoch; None: it does not
+# when this process began to keep programs, ns since the epoch; None: it does not
+_began: int | None = None
 
 
 def keep() -> None:
-    """Use kept programs in this process. For a command's entry point: before anything else could have been replaced."""
+    """Use kept programs in this process.
+
+    For a command's entry point: before anything else could have been replaced.
+    """
     global _began
     _began = time.time_ns()
 
@@ -50,10 +56,11 @@ def compiled(
     mesh: "jax.sharding.Mesh | None",
     **options: Any,
 ) -> Any:
-    """`build()`, a program `state -> (state, report)`, compiled for `state`, which is on its devices.
+    """`build()`, a program `state -> (state, report)`, compiled for `state`, which is on its
+    devices.
 
-    `name` and `config` must say all that `build` depends on, but for files. `options` go to `jax.jit`. Where the
-    program is kept, `build` is not called.
+    `name` and `config` must say all that `build` depends on, but for files. `options` go to
+    `jax.jit`. Where the program is kept, `build` is not called.
     """
     from dronecombat_jax.selfplay.mesh import jitted
 
@@ -62,7 +69,11 @@ def compiled(
 
 
 def _kept(
-    name: str, config: Config, build: Callable[[], Callable[[Any], Any]], state: Any, mesh: "jax.sharding.Mesh | None"
+    name: str,
+    config: Config,
+    build: Callable[[], Callable[[Any], Any]],
+    state: Any,
+    mesh: "jax.sharding.Mesh | None",
 ) -> Callable[[Any], Any] | None:
     """The program from its file, else traced and kept; None where `jax.export` cannot do that."""
     from jax import export
@@ -77,12 +88,16 @@ def _kept(
             content = export.export(jitted(build(), state, mesh))(state).serialize()
             _write(path, content, config)
         return export.deserialize(content).call
-    except (ImportError, NotImplementedError, ValueError):  # no flatbuffers; a custom call that is not for keeping
+    except (ImportError, NotImplementedError, ValueError):
+        # no flatbuffers; a custom call that is not for keeping
         return None
 
 
 def _key(config: Config, state: Any, mesh: "jax.sharding.Mesh | None") -> str:
-    """A digest of what a program depends on besides files. A run's name, seed and length are not in it."""
+    """A digest of what a program depends on besides files.
+
+    A run's name, seed and length are not in it.
+    """
     import jax
 
     run = replace(RunConfig(), seeds_at_once=config.run.seeds_at_once)
@@ -90,7 +105,10 @@ def _key(config: Config, state: Any, mesh: "jax.sharding.Mesh | None") -> str:
     leaves, structure = jax.tree.flatten(state)
     parts = (
         settings.to_toml(replace(config, train=train, run=run)),
-        [platform.python_version(), *(f"{package} {metadata.version(package)}" for package in PACKAGES)],
+        [
+            platform.python_version(),
+            *(f"{package} {metadata.version(package)}" for package in PACKAGES),
+        ],
         sorted(f"{key}={value}" for key, value in os.environ.items() if key.startswith(VARIABLES)),
         [jax.default_backend(), *sorted({device.device_kind for device in jax.devices()})],
         "" if mesh is None else str(mesh.shape),
@@ -102,7 +120,9 @@ def _key(config: Config, state: Any, mesh: "jax.sharding.Mesh | None") -> str:
 
 
 def _read(path: Path) -> bytearray | None:
-    """The program in a file; None where there is none, it is damaged, or what it was made from has changed."""
+    """The program in a file; None where there is none, it is damaged, or what it was made from has
+    changed.
+    """
     try:
         head, _, content = path.read_bytes().partition(b"\n")
         told = json.loads(head)
@@ -163,7 +183,10 @@ def _register() -> None:
         name = f"{node.__module__}.{node.__qualname__}"
         if issubclass(node, struct.PyTreeNode) and node is not struct.PyTreeNode:
             export.register_pytree_node_serialization(
-                node, serialized_name=name, serialize_auxdata=lambda _: b"", deserialize_auxdata=lambda _: ()
+                node,
+                serialized_name=name,
+                serialize_auxdata=lambda _: b"",
+                deserialize_auxdata=lambda _: (),
             )
         elif issubclass(node, tuple) and hasattr(node, "_fields"):
             export.register_namedtuple_serialization(node, serialized_name=name)

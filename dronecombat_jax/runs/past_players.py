@@ -1,10 +1,13 @@
-"""The past players of a self-play run on the disk: each stored once, however many checkpoints need it.
+"""The past players of a self-play run on the disk: each stored once, however many checkpoints need
+it.
 
-    checkpoints/players/12.safetensors   who was saved when chunk 12 began: the policies of all seeds, by role
+    checkpoints/players/12.safetensors   who was saved when chunk 12 began: the policies of all
+    seeds, by role
 
-A checkpoint holds no pool but a `Roster`: how many past players it needs, and one digest over all of them. So a run's
-disk grows by one player a chunk, and old checkpoints can go. A file that is damaged or missing is made again from the
-checkpoint of that chunk's start, where it is still there. What does not live here: what a pool is (`selfplay.pool`).
+A checkpoint holds no pool but a `Roster`: how many past players it needs, and one digest over all
+of them. So a run's disk grows by one player a chunk, and old checkpoints can go. A file that is
+damaged or missing is made again from the checkpoint of that chunk's start, where it is still there.
+What does not live here: what a pool is (`selfplay.pool`).
 """
 
 import hashlib
@@ -34,10 +37,12 @@ class Players:
 
     def __init__(self, checkpoints: Path):
         self._folder = checkpoints / FOLDER
-        self._digests: list[str] = []  # of slots 0, 1, ... that this object has written or found good
+        # of slots 0, 1, ... that this object has written or found good
+        self._digests: list[str] = []
 
     def store(self, state: "TrainState", filled: int) -> tuple["TrainState", Roster | None]:
-        """See slots below `filled` of the pools to the disk; the state without pools, and the roster it needs.
+        """See slots below `filled` of the pools to the disk; the state without pools, and the
+        roster it needs.
 
         `state`: NumPy leaves [S, ...]. Raises UserError 73 where the disk refuses.
         """
@@ -51,10 +56,14 @@ class Players:
         return state.replace(selfplay=emptied(state.selfplay)), _roster(self._digests[:filled])
 
     def read(self, roster: Roster) -> list[Arrays]:
-        """Every player of `roster`, proven; raises CheckpointError that names the first that is wrong."""
+        """Every player of `roster`, proven; raises CheckpointError that names the first that is
+        wrong.
+        """
         members = [self._read(slot) for slot in range(roster.slots)]
         if _roster(state_digest(arrays) for arrays in members) != roster:
-            raise CheckpointError(f"{self._folder}: these are not the past players that the checkpoint was saved with")
+            raise CheckpointError(
+                f"{self._folder}: these are not the past players that the checkpoint was saved with"
+            )
         return members
 
     def damaged(self, roster: Roster) -> list[int]:
@@ -62,14 +71,17 @@ class Players:
         return [slot for slot in range(roster.slots) if self._digest(slot) is None]
 
     def mend(self, slot: int, state: "TrainState") -> None:
-        """Write slot `slot` again from `state`, the checkpoint of that chunk's start; NumPy leaves [S, ...]."""
+        """Write slot `slot` again from `state`, the checkpoint of that chunk's start; NumPy leaves
+        [S, ...].
+        """
         assert state.selfplay is not None
         live = policy_of(state.learners)  # leaves [S, A, ...]
         self._write(slot, _named(state.selfplay, lambda role, _: _at(live, role)))
 
     def _write(self, slot: int, arrays: Arrays) -> None:
         try:
-            self._folder.mkdir(exist_ok=True)  # not its parents: a run that was moved away must not come back empty
+            # not its parents: a run that was moved away must not come back empty
+            self._folder.mkdir(exist_ok=True)
         except OSError as error:
             raise cannot_write(self._folder, error) from error
         text = {"slot": str(slot), "sha256": state_digest(arrays)}
@@ -81,7 +93,9 @@ class Players:
         except PolicyError as error:
             raise CheckpointError(error.message) from None
         if text != {"slot": str(slot), "sha256": state_digest(arrays)}:
-            raise CheckpointError(f"{self._path(slot)} is damaged: its sha256 does not match its content")
+            raise CheckpointError(
+                f"{self._path(slot)} is damaged: its sha256 does not match its content"
+            )
         return arrays
 
     def _digest(self, slot: int) -> str | None:
@@ -96,14 +110,21 @@ class Players:
 
 
 def emptied(selfplay: "SelfPlay") -> "SelfPlay":
-    """The same with pools that hold nobody, leaves [S, 0, ...]: arrays, or their shapes. Records of wins stay."""
+    """The same with pools that hold nobody, leaves [S, 0, ...]: arrays, or their shapes. Records of
+    wins stay.
+    """
 
     def empty(leaf: Any) -> Any:
         shape = (leaf.shape[0], 0, *leaf.shape[2:])
-        return np.zeros(shape, leaf.dtype) if isinstance(leaf, np.ndarray) else leaf.update(shape=shape)
+        return (
+            np.zeros(shape, leaf.dtype)
+            if isinstance(leaf, np.ndarray)
+            else leaf.update(shape=shape)
+        )
 
     pools = tuple(
-        None if pool is None else pool.replace(policies=jax.tree.map(empty, pool.policies)) for pool in selfplay.pools
+        None if pool is None else pool.replace(policies=jax.tree.map(empty, pool.policies))
+        for pool in selfplay.pools
     )
     return selfplay.replace(pools=pools)
 
@@ -120,7 +141,9 @@ def with_players(selfplay: "SelfPlay", members: list[Arrays]) -> "SelfPlay":
             leaves.append(whole)
         return pool.replace(policies=unflatten(pool.policies, leaves))
 
-    pools = (None if pool is None else filled(role, pool) for role, pool in enumerate(selfplay.pools))
+    pools = (
+        None if pool is None else filled(role, pool) for role, pool in enumerate(selfplay.pools)
+    )
     return selfplay.replace(pools=tuple(pools))
 
 
@@ -131,8 +154,14 @@ def filled_slots(iteration: int, chunk_iterations: int) -> int:
 
 def _named(selfplay: "SelfPlay", policy: Any) -> Arrays:
     """`policy(role, pool)`, leaves [S, ...], of each role that has a pool, by plain names."""
-    tree = {ROLES[role]: policy(role, pool) for role, pool in enumerate(selfplay.pools) if pool is not None}
-    return {name.replace("/", "."): np.ascontiguousarray(array) for name, array in flatten(tree).items()}
+    tree = {
+        ROLES[role]: policy(role, pool)
+        for role, pool in enumerate(selfplay.pools)
+        if pool is not None
+    }
+    return {
+        name.replace("/", "."): np.ascontiguousarray(array) for name, array in flatten(tree).items()
+    }
 
 
 def _at(policy: "Policy", index: int) -> "Policy":

@@ -1,4 +1,6 @@
-"""What a run's program looks like on this machine: iterations per call, devices, and what flying takes of it."""
+"""What a run's program looks like on this machine: iterations per call, devices, and what flying
+takes of it.
+"""
 
 import time
 from typing import TYPE_CHECKING, Any
@@ -14,12 +16,15 @@ if TYPE_CHECKING:
 
 # A program call is a few iterations: short enough to answer a signal within seconds on a laptop.
 MAX_CALL_ITERATIONS = 5
-LONG_ITERATION = 10_000  # environment steps of a seed: on a CPU half a second or more, and a call of its own
-LONGEST_CALL_ITERATIONS = 15  # rather than single iterations, whose calls a fast device would wait for
+# environment steps of a seed: on a CPU half a second or more, and a call of its own
+LONG_ITERATION = 10_000
+# rather than single iterations, whose calls a fast device would wait for
+LONGEST_CALL_ITERATIONS = 15
 
 
 def call_iterations(config: Config) -> int:
-    """Iterations per program call: the largest divisor of a chunk up to 5; above 5 where that would be 1 or 2.
+    """Iterations per program call: the largest divisor of a chunk up to 5; above 5 where that would
+    be 1 or 2.
 
     On a CPU, one where it is long: progress shows and a signal is heard after each.
     """
@@ -29,19 +34,26 @@ def call_iterations(config: Config) -> int:
         return 1
     chunk = config.train.chunk_iterations
     divisors = [n for n in range(1, LONGEST_CALL_ITERATIONS + 1) if chunk % n == 0]
-    short, long = [n for n in divisors if n <= MAX_CALL_ITERATIONS], [n for n in divisors if n > MAX_CALL_ITERATIONS]
+    short, long = (
+        [n for n in divisors if n <= MAX_CALL_ITERATIONS],
+        [n for n in divisors if n > MAX_CALL_ITERATIONS],
+    )
     return long[0] if long and short[-1] <= 2 else short[-1]
 
 
 def flight_seconds(config: Config, state: Any) -> float:
-    """Measure once what flying alone takes of an iteration of all seeds, in s; `state` stays as it is."""
+    """Measure once what flying alone takes of an iteration of all seeds, in s; `state` stays as it
+    is.
+    """
     import jax
 
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.selfplay.chunk import build_flight
 
     iterations, mesh = call_iterations(config), seed_devices(config)
-    fly = compiled("flight", config, lambda: build_flight(Combat(config), iterations, mesh), state, mesh)
+    fly = compiled(
+        "flight", config, lambda: build_flight(Combat(config), iterations, mesh), state, mesh
+    )
     start = time.monotonic()
     jax.block_until_ready(fly(state))
     return (time.monotonic() - start) / iterations
@@ -50,8 +62,8 @@ def flight_seconds(config: Config, state: Any) -> float:
 def seed_devices(config: Config) -> "jax.sharding.Mesh | None":
     """The devices of a run, by seed and environment; None for a single one.
 
-    Several processes use all their devices. Raises UserError 2 where there are other devices than asked for, or
-    they do not divide the work.
+    Several processes use all their devices. Raises UserError 2 where there are other devices than
+    asked for, or they do not divide the work.
     """
     import jax
 
@@ -63,7 +75,8 @@ def seed_devices(config: Config) -> "jax.sharding.Mesh | None":
     if processes.count() > 1:
         if wanted not in (0, there):
             raise UserError(
-                f"run.devices = {wanted}: the processes have {there}, all of which must take part", EXIT_CONFIG
+                f"run.devices = {wanted}: the processes have {there}, all of which must take part",
+                EXIT_CONFIG,
             )
         wanted = there
         if uneven := devices.uneven_devices(config, there):

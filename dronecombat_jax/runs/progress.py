@@ -1,6 +1,7 @@
 """What a person sees while training runs: a display on a terminal, plain lines elsewhere.
 
-The display never touches a device and never stops a run: where the terminal has gone it falls silent.
+The display never touches a device and never stops a run: where the terminal has gone it falls
+silent.
 """
 
 import contextlib
@@ -21,7 +22,9 @@ _LINE_SECONDS = 5.0
 
 
 class ProgressUpdate(NamedTuple):
-    """The state after one program call; shares are of the episodes that ended in it, NaN where none did."""
+    """The state after one program call; shares are of the episodes that ended in it, NaN where none
+    did.
+    """
 
     steps: int  # environment steps so far, all seeds together
     defender_wins: float = math.nan
@@ -35,7 +38,8 @@ class ProgressUpdate(NamedTuple):
 class Progress:
     """Lines, at most one every few seconds: the display where no terminal is. A context manager.
 
-    `total_steps` and `done_steps` (a resume) are environment steps, all seeds together, or what else `unit` says.
+    `total_steps` and `done_steps` (a resume) are environment steps, all seeds together, or what
+    else `unit` says.
     """
 
     def __init__(
@@ -61,7 +65,10 @@ class Progress:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -101,7 +108,9 @@ class Progress:
 class TerminalProgress(Progress):
     """Two rows that update in place: bar, rate and ETA; shares of both sides."""
 
-    def __init__(self, title: str, total_steps: int, done_steps: int, console: "Console", unit: str = "steps"):
+    def __init__(
+        self, title: str, total_steps: int, done_steps: int, console: "Console", unit: str = "steps"
+    ):
         from rich.live import Live
 
         super().__init__(title, total_steps, done_steps, unit=unit)
@@ -157,7 +166,9 @@ class TerminalProgress(Progress):
         return Group(row, status)
 
 
-def make_progress(title: str, total_steps: int, done_steps: int = 0, unit: str = "steps") -> Progress:
+def make_progress(
+    title: str, total_steps: int, done_steps: int = 0, unit: str = "steps"
+) -> Progress:
     """The display that fits stdout: in place on a terminal, lines in a file, a pipe or a notebook."""
     from rich.console import Console
 

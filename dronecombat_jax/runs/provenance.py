@@ -1,4 +1,6 @@
-"""What a checkpoint says about itself beside its arrays, and whether this machine would go on as it began. Plain JSON."""
+"""What a checkpoint says about itself beside its arrays, and whether this machine would go on as it
+began. Plain JSON.
+"""
 
 from importlib import metadata
 from typing import Any
@@ -52,7 +54,9 @@ def check_meta(start: Start, config: Config, met: dict[str, Any] | None = None) 
             "unset JAX_DEFAULT_PRNG_IMPL and JAX_THREEFRY_PARTITIONABLE, or set them as they were"
         )
     if (version := start.meta.get("jax", jax.__version__)) != jax.__version__:
-        return [f"note: made with jax {version}, goes on with {jax.__version__}: no longer the same bits"]
+        return [
+            f"note: made with jax {version}, goes on with {jax.__version__}: no longer the same bits"
+        ]
     return []
 
 
@@ -69,8 +73,15 @@ def _random() -> dict[str, Any]:
     import jax
 
     options: Any = jax.config  # which of them jax declares differs between its versions
-    return {"generator": options.jax_default_prng_impl, "partitionable": options.jax_threefry_partitionable}
+    return {
+        "generator": options.jax_default_prng_impl,
+        "partitionable": options.jax_threefry_partitionable,
+    }
 
 
 def _spelt(random: Any) -> str:
-    return ", ".join(f"{key} {value}" for key, value in random.items()) if isinstance(random, dict) else str(random)
+    return (
+        ", ".join(f"{key} {value}" for key, value in random.items())
+        if isinstance(random, dict)
+        else str(random)
+    )

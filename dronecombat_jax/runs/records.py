@@ -1,4 +1,6 @@
-"""From a program call's metrics to what people read: one flat record per iteration, one progress line."""
+"""From a program call's metrics to what people read: one flat record per iteration, one progress
+line.
+"""
 
 import math
 from typing import Any
@@ -16,21 +18,29 @@ ENDINGS = tuple(cause for cause in Cause if cause != Cause.NONE)
 def records(config: Config, report: IterationMetrics, first_iteration: int) -> list[dict[str, Any]]:
     """One record per iteration and seed, rising; leaves of `report` are NumPy [S, I, ...].
 
-    Shares, lengths and returns are of the counted fights that ended in the iteration, those flown from start to end by
-    the same two (`selfplay.tally`), and NaN where none did. What an agent reports of
-    its learning is None where it did not learn.
+    Shares, lengths and returns are of the counted fights that ended in the iteration, those flown
+    from start to end by the same two (`selfplay.tally`), and NaN where none did. What an agent
+    reports of its learning is None where it did not learn.
     """
     seeds, iterations = report.causes.shape[:2]
     learning = learning_agents(config, report, first_iteration)
     return [
-        _record(config, _pick(report, seed, i), first_iteration + i, config.train.seed + seed, learning[seed, i])
+        _record(
+            config,
+            _pick(report, seed, i),
+            first_iteration + i,
+            config.train.seed + seed,
+            learning[seed, i],
+        )
         for i in range(iterations)
         for seed in range(seeds)
     ]
 
 
 def learning_agents(config: Config, report: IterationMetrics, first_iteration: int) -> np.ndarray:
-    """Which agents learnt, [S, I, A] bool: not a defender that waits, nor a role that was played by its past."""
+    """Which agents learnt, [S, I, A] bool: not a defender that waits, nor a role that was played by
+    its past.
+    """
     from dronecombat_jax.selfplay.chunk import waits
 
     frozen = np.asarray(report.frozen)  # [S, I]
@@ -40,7 +50,9 @@ def learning_agents(config: Config, report: IterationMetrics, first_iteration: i
     return learning
 
 
-def progress_update(config: Config, report: IterationMetrics, iterations_done: int) -> ProgressUpdate:
+def progress_update(
+    config: Config, report: IterationMetrics, iterations_done: int
+) -> ProgressUpdate:
     """What the progress line shows after a call, all its iterations and seeds together."""
     causes = report.causes.sum(axis=(0, 1))
     crashes = report.crashes.sum(axis=(0, 1))
@@ -75,21 +87,31 @@ def _record(
         "episodes": episodes,
         "episode_steps": _share(report.episode_steps, episodes),
     }
-    record |= {f"outcome/{cause.name.lower()}": _share(report.causes[cause], episodes) for cause in ENDINGS}
-    record |= {f"win/{outcome.name.lower()}": _share(wins[outcome], episodes) for outcome in Outcome}
+    record |= {
+        f"outcome/{cause.name.lower()}": _share(report.causes[cause], episodes) for cause in ENDINGS
+    }
+    record |= {
+        f"win/{outcome.name.lower()}": _share(wins[outcome], episodes) for outcome in Outcome
+    }
     for agent, role in enumerate(ROLES):
         record[f"crash/{role}"] = _share(report.crashes[agent], episodes)
         terms = report.reward_terms._asdict().items()
         record |= {f"reward/{role}/{name}": float(term[agent]) for name, term in terms}
         record[f"return/{role}"] = _share(report.returns[agent], episodes)
         learner = report.learners._asdict().items()
-        record |= {f"{name}/{role}": float(value[agent]) if learning[agent] else None for name, value in learner}
+        record |= {
+            f"{name}/{role}": float(value[agent]) if learning[agent] else None
+            for name, value in learner
+        }
     return record
 
 
 def _wins(config: Config, causes: Any) -> dict[Outcome, float]:
     table = outcome_table(config.game)
-    return {outcome: sum(causes[cause] for cause in ENDINGS if table[cause] == outcome) for outcome in Outcome}
+    return {
+        outcome: sum(causes[cause] for cause in ENDINGS if table[cause] == outcome)
+        for outcome in Outcome
+    }
 
 
 def _share(count: Any, total: Any) -> float:

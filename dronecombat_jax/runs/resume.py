@@ -1,7 +1,9 @@
-"""Where a run goes on from: its newest good checkpoint, the settings that made it, and whether they still hold.
+"""Where a run goes on from: its newest good checkpoint, the settings that made it, and whether they
+still hold.
 
-Everything is read from the checkpoint itself; `config.toml` serves where a checkpoint does not say. What does
-not live here: starting another run from a checkpoint (`fork`). Needs no JAX until a state is restored.
+Everything is read from the checkpoint itself; `config.toml` serves where a checkpoint does not say.
+What does not live here: starting another run from a checkpoint (`fork`). Needs no JAX until a state
+is restored.
 """
 
 import logging
@@ -37,7 +39,8 @@ class Start(NamedTuple):
     checkpoints: Path
     manifest: Manifest
     config: Config  # it was made with
-    changed: tuple[str, ...] = ()  # settings that a fork changes, one line each; empty where a run goes on
+    # settings that a fork changes, one line each; empty where a run goes on
+    changed: tuple[str, ...] = ()
     members: list[Arrays] | None = None  # its past players, where they have been read
 
     @property
@@ -59,7 +62,8 @@ class Start(NamedTuple):
 def find_start(run: RunDirectory, config: Config) -> Start | None:
     """The newest good checkpoint of a run that is claimed; None for a new run.
 
-    Raises UserError 2 where `config` changes what may not change, 3 where checkpoints there were, but none is good.
+    Raises UserError 2 where `config` changes what may not change, 3 where checkpoints there were,
+    but none is good.
     """
     start = _newest_with_players(run)
     if start is None:
@@ -75,7 +79,8 @@ def find_start(run: RunDirectory, config: Config) -> Start | None:
 
 
 def read_start(run: RunDirectory, saved: int | Manifest) -> Start:
-    """A checkpoint and the settings it was made with; UserError 3 where there is none or it is damaged.
+    """A checkpoint and the settings it was made with; UserError 3 where there is none or it is
+    damaged.
 
     `saved`: its step, or its manifest where it has been verified already.
     """
@@ -92,7 +97,9 @@ def read_start(run: RunDirectory, saved: int | Manifest) -> Start:
 
 
 def newest_start(run: RunDirectory, chunk: int | None = None) -> Start:
-    """For readers, who hold no lock: the newest good checkpoint or that of `chunk` (0: untrained). UserError 3."""
+    """For readers, who hold no lock: the newest good checkpoint or that of `chunk` (0: untrained).
+    UserError 3.
+    """
     newest = checkpoint.latest(run.checkpoints, set_aside=False)
     if newest is None:
         raise UserError(f"{run.checkpoints}: no checkpoint that can be used", EXIT_DATA)
@@ -118,9 +125,11 @@ def difference(
 
 
 def restored_state(start: Start, config: Config, combat: "Combat") -> "TrainState":
-    """The state of the checkpoint, NumPy leaves [S, ...], with pools as long as `config` wants them.
+    """The state of the checkpoint, NumPy leaves [S, ...], with pools as long as `config` wants
+    them.
 
-    The shapes are those of the settings that the checkpoint was made with. UserError 3 where it does not fit.
+    The shapes are those of the settings that the checkpoint was made with. UserError 3 where it
+    does not fit.
     """
     from dronecombat_jax.selfplay.pool import resize
 
@@ -131,7 +140,8 @@ def restored_state(start: Start, config: Config, combat: "Combat") -> "TrainStat
 
 
 def load_state(start: Start, combat: "Combat", *, pools: bool = True) -> "TrainState":
-    """The state as it was saved, NumPy leaves [S, ...]; `combat` lends its scene. UserError 3 where it does not fit.
+    """The state as it was saved, NumPy leaves [S, ...]; `combat` lends its scene. UserError 3 where
+    it does not fit.
 
     Without `pools` they may be empty: who reads policies needs no past players.
     """
@@ -148,15 +158,21 @@ def load_state(start: Start, combat: "Combat", *, pools: bool = True) -> "TrainS
         template = template.replace(selfplay=emptied(template.selfplay))
     if old := not any(leaf.path.startswith("flown/") for leaf in manifest.leaves):
         template = template.replace(flown=None)
-    state = checkpoint.restore(start.checkpoints, manifest, template, hint="was it written by another version?")
+    state = checkpoint.restore(
+        start.checkpoints, manifest, template, hint="was it written by another version?"
+    )
     if roster is not None and pools:
-        members = Players(start.checkpoints).read(roster) if start.members is None else start.members
+        members = (
+            Players(start.checkpoints).read(roster) if start.members is None else start.members
+        )
         state = state.replace(selfplay=with_players(state.selfplay, members))
     return brought_up_to_date(state, start.config) if old else state
 
 
 def brought_up_to_date(state: "TrainState", config: Config) -> "TrainState":
-    """The state of a checkpoint from before fights were followed, and from before log-std was kept in its bounds."""
+    """The state of a checkpoint from before fights were followed, and from before log-std was kept
+    in its bounds.
+    """
     import jax
 
     from dronecombat_jax.selfplay import tally
@@ -166,7 +182,8 @@ def brought_up_to_date(state: "TrainState", config: Config) -> "TrainState":
     parameters = parameters.replace(log_std=bound(parameters.log_std))
     if selfplay is not None:
         pools = (
-            pool and pool.replace(policies=pool.policies.replace(log_std=bound(pool.policies.log_std)))
+            pool
+            and pool.replace(policies=pool.policies.replace(log_std=bound(pool.policies.log_std)))
             for pool in selfplay.pools
         )
         selfplay = selfplay.replace(pools=tuple(pools))
@@ -178,7 +195,9 @@ def brought_up_to_date(state: "TrainState", config: Config) -> "TrainState":
 
 
 def _newest_with_players(run: RunDirectory) -> Start | None:
-    """The newest good checkpoint whose past players are all there, or can be made again; None where there is none."""
+    """The newest good checkpoint whose past players are all there, or can be made again; None where
+    there is none.
+    """
     manifest = checkpoint.latest(run.checkpoints)
     while manifest is not None:
         start = read_start(run, manifest)
@@ -193,7 +212,9 @@ def _newest_with_players(run: RunDirectory) -> Start | None:
 
 
 def _members(run: RunDirectory, start: Start, roster: Roster) -> list[Arrays]:
-    """The past players of a checkpoint; a damaged one is made again from its own checkpoint. Raises CheckpointError."""
+    """The past players of a checkpoint; a damaged one is made again from its own checkpoint. Raises
+    CheckpointError.
+    """
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.runs.past_players import Players
 
@@ -208,12 +229,16 @@ def _members(run: RunDirectory, start: Start, roster: Roster) -> list[Arrays]:
             players.mend(slot, load_state(then, Combat(then.config), pools=False))
         except UserError:
             raise fault from None
-        _log.warning("past player %d made again from checkpoint %d: %s", slot, then.iteration, fault)
+        _log.warning(
+            "past player %d made again from checkpoint %d: %s", slot, then.iteration, fault
+        )
     return players.read(roster)
 
 
 def _refuse_lost(run: RunDirectory) -> None:
-    """Refuse to begin anew where a run has been: its metrics and what is left of its checkpoints would be lost."""
+    """Refuse to begin anew where a run has been: its metrics and what is left of its checkpoints
+    would be lost.
+    """
     aside = sorted(path.name for path in run.checkpoints.glob("damaged-*"))
     unusable = [str(step) for step in checkpoint.steps(run.checkpoints)]
     if not aside and not unusable and not _has_records(run.metrics):

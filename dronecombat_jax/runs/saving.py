@@ -16,9 +16,14 @@ from dronecombat_jax.runs.provenance import describe
 
 
 class Saver:
-    """Saves at chunk boundaries. A disk that refuses is forgiven once; a directory that has gone is replaced."""
+    """Saves at chunk boundaries.
 
-    def __init__(self, run: RunDirectory, config: Config, progress: Progress, more_meta: dict[str, Any]):
+    A disk that refuses is forgiven once; a directory that has gone is replaced.
+    """
+
+    def __init__(
+        self, run: RunDirectory, config: Config, progress: Progress, more_meta: dict[str, Any]
+    ):
         """`more_meta`: plain JSON for every checkpoint, beside what `provenance` says."""
         self.run, self.config, self.progress, self.more_meta = run, config, progress, more_meta
         self.refused: UserError | None = None
@@ -33,7 +38,9 @@ class Saver:
         if not still_there(self.run):
             self.run = rescue_run(self.run)
             self._players = Players(self.run.checkpoints)
-            self.progress.message(f"the run's directory has gone; checkpoints go to {self.run.path} from now on")
+            self.progress.message(
+                f"the run's directory has gone; checkpoints go to {self.run.path} from now on"
+            )
             write_atomic(self.run.config, settings.to_toml(self.config))
         try:
             self.save_now(state)

@@ -49,8 +49,8 @@ def ending_at_once() -> Iterator[None]:
     """Let a stop signal end the process where it stands: exit 130 after SIGINT, else 75.
 
     For the whole of a command, on the main thread. `stop_signals` takes over for as long as there
-    is something to save. After the block the signals have the system's own action: while Python itself
-    ends, it runs no handler.
+    is something to save. After the block the signals have the system's own action: while Python
+    itself ends, it runs no handler.
     """
     with _watched(_leave):
         for number in STOP_SIGNALS:
@@ -108,7 +108,9 @@ def _watch(reading: int, heard: Callable[[int], None]) -> None:
 
 
 def _noting(flag: StopFlag) -> Callable[[int, FrameType | None], None]:
-    """The Python-level handler: it replaces the default action and sets the flag on its own thread too."""
+    """The Python-level handler: it replaces the default action and sets the flag on its own thread
+    too.
+    """
     return lambda number, frame: flag.request(signal.Signals(number).name)
 
 

@@ -1,8 +1,10 @@
-"""`dronecombat train`: the host's side of a run. Claim the directory, compile once, go on until done.
+"""`dronecombat train`: the host's side of a run. Claim the directory, compile once, go on until
+done.
 
-The device does the work in program calls of a few iterations (`selfplay.chunk`); between two calls the
-host writes metrics, answers signals and, at a chunk's end, saves (`keeper`). A run that was stopped or killed goes
-on with the same command, bit for bit. Of several processes only the first has a run directory; all run this loop.
+The device does the work in program calls of a few iterations (`selfplay.chunk`); between two calls
+the host writes metrics, answers signals and, at a chunk's end, saves (`keeper`). A run that was
+stopped or killed goes on with the same command, bit for bit. Of several processes only the first
+has a run directory; all run this loop.
 """
 
 from collections.abc import Callable, Iterator
@@ -45,14 +47,18 @@ class Begun(NamedTuple):
 def train(config: Config, fork_of: str | None = None, chunk: int | None = None) -> int:
     """Train, or go on with, the run that `config.run` names; returns an exit code.
 
-    `fork_of`: a run in the same folder; a new run begins from its checkpoint of `chunk` (None: the newest).
-    0: done; 75: stopped by a signal and saved. Raises UserError: 2 where the directory holds another
-    run, 73 where it cannot be written, 3 for checkpoints that cannot be used, 4 where training diverged.
+    `fork_of`: a run in the same folder; a new run begins from its checkpoint of `chunk` (None: the
+    newest). 0: done; 75: stopped by a signal and saved. Raises UserError: 2 where the directory
+    holds another run, 73 where it cannot be written, 3 for checkpoints that cannot be used, 4 where
+    training diverged.
     """
     with ExitStack() as stack:
         with processes.together():
             if not processes.agreed(f"{settings.to_toml(config)} {fork_of} {chunk}"):
-                raise UserError("run.distributed: the processes were started with different settings", EXIT_CONFIG)
+                raise UserError(
+                    "run.distributed: the processes were started with different settings",
+                    EXIT_CONFIG,
+                )
             begun = _begin(stack, config, fork_of, chunk) if processes.first() else None
         if processes.anywhere(begun is not None and begun.complete):
             return 0
@@ -82,7 +88,10 @@ def _begin(stack: ExitStack, config: Config, fork_of: str | None, chunk: int | N
     complete = start is not None and start.iteration >= _last_iteration(config)
     if start is not None and complete:
         done = start.iteration * config.steps_per_iteration
-        print(f"run {run.name} is already complete: {done:,} environment steps per seed in {run.path}", flush=True)
+        print(
+            f"run {run.name} is already complete: {done:,} environment steps per seed in {run.path}",
+            flush=True,
+        )
     else:
         start = start or forked
         write_atomic(run.config, settings.to_toml(config))
@@ -100,12 +109,20 @@ def _greet(run: RunDirectory, config: Config, start: Start | None) -> None:
         f"({config.num_chunks} chunks of {config.steps_per_chunk:,}), {config.train.num_envs} environments"
     )
     disk = estimates.estimated_disk_bytes(config)
-    print(f"disk: about {estimates.bytes_in_words(disk)} by its end (run.keep = {config.run.keep!r})", flush=True)
+    print(
+        f"disk: about {estimates.bytes_in_words(disk)} by its end (run.keep = {config.run.keep!r})",
+        flush=True,
+    )
     if start is None:
         return
     done = f"{start.iteration * config.steps_per_iteration:,} environment steps per seed"
     if start.changed:
-        print(f"forked from {start.path} after {done}; changed:", *start.changed, sep="\n  ", flush=True)
+        print(
+            f"forked from {start.path} after {done}; changed:",
+            *start.changed,
+            sep="\n  ",
+            flush=True,
+        )
     else:
         print(f"resuming after {done}", flush=True)
 
@@ -120,13 +137,23 @@ def _inherited(start: Start | None, source: RunDirectory | None) -> dict[str, An
 
 @contextmanager
 def _stopping(progress: Progress) -> Iterator[StopFlag]:
-    announce = lambda name: progress.message(f"{name}: saving and stopping; once more to stop at once")
+    announce = lambda name: progress.message(
+        f"{name}: saving and stopping; once more to stop at once"
+    )
     with stop_signals(announce) as stop:
         yield stop
 
 
-def _run(run: RunDirectory | None, config: Config, start: Start | None, saver: Saver | None, stop: StopFlag) -> int:
-    """Prepare, then advance until done or asked to stop; returns the exit code. Without `run`: write nothing."""
+def _run(
+    run: RunDirectory | None,
+    config: Config,
+    start: Start | None,
+    saver: Saver | None,
+    stop: StopFlag,
+) -> int:
+    """Prepare, then advance until done or asked to stop; returns the exit code. Without `run`:
+    write nothing.
+    """
     state, compile_program = _prepare(run, config, start, saver)
     iteration = int(processes.on_host(state.iteration)[0])
     with ExitStack() as stack:
@@ -141,14 +168,18 @@ def _run(run: RunDirectory | None, config: Config, start: Start | None, saver: S
         return 0
     if saver:
         done = iteration * config.steps_per_iteration
-        saver.progress.message(f"stopped after {done:,} environment steps per seed; the same command goes on")
+        saver.progress.message(
+            f"stopped after {done:,} environment steps per seed; the same command goes on"
+        )
     return EXIT_STOPPED
 
 
 def _prepare(
     run: RunDirectory | None, config: Config, start: Start | None, saver: Saver | None
 ) -> tuple[Any, Callable[[Any], Advance]]:
-    """The state to go on from, on the devices and on the disk, and a function that compiles the program for it."""
+    """The state to go on from, on the devices and on the disk, and a function that compiles the
+    program for it.
+    """
     import jax
 
     from dronecombat_jax.combat.env import Combat
@@ -171,8 +202,12 @@ def _prepare(
     return state, lambda state: compiled("advance", config, build, state, mesh, donate_argnums=0)
 
 
-def _first_state(run: RunDirectory, config: Config, start: Start | None, saver: Saver, combat: Any) -> Any:
-    """The state to go on from, NumPy leaves [S, ...]; a new run's is saved, and the logs end where it is."""
+def _first_state(
+    run: RunDirectory, config: Config, start: Start | None, saver: Saver, combat: Any
+) -> Any:
+    """The state to go on from, NumPy leaves [S, ...]; a new run's is saved, and the logs end where
+    it is.
+    """
     import jax
 
     from dronecombat_jax.selfplay.chunk import init_state
@@ -193,9 +228,16 @@ def _first_state(run: RunDirectory, config: Config, start: Start | None, saver: 
 
 
 def _advance(
-    config: Config, state: Any, iteration: int, advance: Advance, keeper: Keeper | None, stop: StopFlag
+    config: Config,
+    state: Any,
+    iteration: int,
+    advance: Advance,
+    keeper: Keeper | None,
+    stop: StopFlag,
 ) -> int:
-    """Call the program until all is done or a stop is asked for, and save; returns the iterations done."""
+    """Call the program until all is done or a stop is asked for, and save; returns the iterations
+    done.
+    """
     watch = Watch(config)
     stopping, flight = processes.anywhere(bool(stop)), None
     while iteration < _last_iteration(config) and not stopping:
@@ -204,7 +246,8 @@ def _advance(
             report = processes.on_host(report)
         before, iteration = iteration, iteration + call_iterations(config)
         reason = watch.verdict(report, before)
-        stopping = processes.anywhere(bool(stop))  # asked once: what stops the loop must also have saved
+        # asked once: what stops the loop must also have saved
+        stopping = processes.anywhere(bool(stop))
         ends_chunk = iteration % config.train.chunk_iterations == 0
         here: Any = processes.on_host(state) if ends_chunk or stopping or reason else None
         if ends_chunk and not reason:

@@ -63,8 +63,11 @@ def init_state(combat: Combat) -> TrainState:
     seeds = jnp.arange(train.seed, train.seed + train.num_seeds, dtype=jnp.uint32)
 
     def init_seed(seed: jax.Array) -> TrainState:
-        keys = jax.random.split(_key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS), NUM_AGENTS)
-        # One after the other: under vmap jax 0.10.1 on two cores has hung here, in about one start of a hundred.
+        keys = jax.random.split(
+            _key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS), NUM_AGENTS
+        )
+        # One after the other: under vmap jax 0.10.1 on two cores has hung here, in about one start
+        # of a hundred.
         learners = jax.lax.map(lambda key: init_learner(key, combat.config.learn), keys)
         return TrainState(
             learners=learners,
@@ -83,18 +86,22 @@ def build_advance(
 ) -> Callable[[TrainState], tuple[TrainState, IterationMetrics]]:
     """Return `advance(state) -> (state, metrics)`: `iterations` iterations for every seed.
 
-    Leaves of the state are [S, ...], of the metrics [S, iterations, ...]. Not jitted here. On a CPU seeds run
-    one after the other, so that each one's products stay plain matrix products and its numbers are
-    those it has alone; elsewhere they run side by side, since one alone cannot fill such a device, and agree with
-    that to float order (`run.seeds_at_once`). With a `mesh` (`selfplay.mesh`) each row of devices runs its share.
+    Leaves of the state are [S, ...], of the metrics [S, iterations, ...]. Not jitted here. On a CPU
+    seeds run one after the other, so that each one's products stay plain matrix products and its
+    numbers are those it has alone; elsewhere they run side by side, since one alone cannot fill
+    such a device, and agree with that to float order (`run.seeds_at_once`). With a `mesh`
+    (`selfplay.mesh`) each row of devices runs its share.
     """
-    return _for_all_seeds(combat.config, lambda state: advance_iteration(combat, state), iterations, mesh)
+    return _for_all_seeds(
+        combat.config, lambda state: advance_iteration(combat, state), iterations, mesh
+    )
 
 
 def build_flight(
     combat: Combat, iterations: int, mesh: jax.sharding.Mesh | None = None
 ) -> Callable[[TrainState], tuple[TrainState, Transition]]:
-    """Return a function like `advance` that flies and does not learn: what is left is the learning's time.
+    """Return a function like `advance` that flies and does not learn: what is left is the
+    learning's time.
 
     Instead of metrics it returns the sums of what was collected, so that all of it is computed.
     """
@@ -117,7 +124,9 @@ def _for_all_seeds(
     def one_seed(state: TrainState) -> tuple[TrainState, Any]:
         return jax.lax.scan(lambda state, _: one(state), state, None, length=iterations)
 
-    at_once = config.run.seeds_at_once or (1 if jax.default_backend() == "cpu" else config.train.num_seeds)
+    at_once = config.run.seeds_at_once or (
+        1 if jax.default_backend() == "cpu" else config.train.num_seeds
+    )
 
     def all_seeds(state: TrainState) -> tuple[TrainState, Any]:
         batch = min(at_once, state.seed.shape[0])
@@ -127,7 +136,9 @@ def _for_all_seeds(
 
 
 def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, IterationMetrics]:
-    """One iteration of one seed: fly and learn, in the fights under way or, if so set, in new ones at a chunk's start."""
+    """One iteration of one seed: fly and learn, in the fights under way or, if so set, in new ones
+    at a chunk's start.
+    """
     config = combat.config
     state = begin_chunk(combat, state)
     env, rollout = _collect(combat, state)
@@ -135,7 +146,9 @@ def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, It
     learning = jnp.stack([~waits(config, state.iteration), jnp.ones((), bool)])
     if state.selfplay is not None:
         learning &= jnp.arange(NUM_AGENTS) != state.selfplay.frozen
-    learners, updates = learn_from(config.learn, state.learners, rollout, shuffle, learning, config.solo_envs)
+    learners, updates = learn_from(
+        config.learn, state.learners, rollout, shuffle, learning, config.solo_envs
+    )
     selfplay, num_envs = state.selfplay, config.train.num_envs
     flown, at_each_step = tally.follow(state.flown, rollout, met(selfplay, num_envs))
     if selfplay is not None:
@@ -149,7 +162,9 @@ def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, It
 
 
 def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
-    """At a chunk's start: save both players to the pools, draw who is met and, if so set, start all fights anew."""
+    """At a chunk's start: save both players to the pools, draw who is met and, if so set, start all
+    fights anew.
+    """
     config = combat.config
     chunk = state.iteration // config.train.chunk_iterations
     starts = state.iteration % config.train.chunk_iterations == 0
@@ -157,10 +172,15 @@ def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
     def begin(state: TrainState) -> TrainState:
         env, flown, learners, selfplay = state.env, state.flown, state.learners, state.selfplay
         if config.train.reset_at_chunk:
-            env, flown = reset_fights(combat, state.seed, state.iteration), tally.fresh(config.train.num_envs)
+            env, flown = (
+                reset_fights(combat, state.seed, state.iteration),
+                tally.fresh(config.train.num_envs),
+            )
         if selfplay is not None:
             selfplay = save_players(config, selfplay, learners, chunk)
-            selfplay = choose(config, selfplay, chunk, _key(state.seed, state.iteration, Purpose.OPPONENT))
+            selfplay = choose(
+                config, selfplay, chunk, _key(state.seed, state.iteration, Purpose.OPPONENT)
+            )
             if not config.selfplay.restore_live:
                 learners = lose_live(config, learners, selfplay)
         return state.replace(env=env, flown=flown, learners=learners, selfplay=selfplay)
@@ -171,18 +191,28 @@ def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
 
 
 def waits(config: Config, iteration: jax.Array) -> jax.Array:
-    """Whether the defender does not learn in this iteration: always in `solo`, else during the attacker's head start."""
+    """Whether the defender does not learn in this iteration: always in `solo`, else during the
+    attacker's head start.
+    """
     head_start = config.head_start_chunks * config.train.chunk_iterations
     return (iteration < head_start) | (config.game.scenario == "solo")
 
 
 def summarize(
-    config: Config, rollout: Transition, flown: Flown, learners: UpdateMetrics, selfplay: SelfPlay | None
+    config: Config,
+    rollout: Transition,
+    flown: Flown,
+    learners: UpdateMetrics,
+    selfplay: SelfPlay | None,
 ) -> IterationMetrics:
-    """Count what happened in a `rollout` of those that fly together, `flown` [T, N]; an absent defender has not crashed."""
+    """Count what happened in a `rollout` of those that fly together, `flown` [T, N]; an absent
+    defender has not crashed.
+    """
     counted = tally.counted(flown, rollout)
     down = rollout.out & ~jnp.asarray([config.game.scenario == "solo", False])
-    causes = jnp.sum(jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * counted[..., None], axis=(0, 1))
+    causes = jnp.sum(
+        jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * counted[..., None], axis=(0, 1)
+    )
     return IterationMetrics(
         causes=causes,
         crashes=jnp.sum(down & counted[..., None], axis=(0, 1), dtype=jnp.int32),
@@ -207,16 +237,24 @@ def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvSt
     if not config.game.random_clock:
         return env
     key = _key(seed, iteration, Purpose.CLOCK)
-    return env.replace(clock=jax.random.randint(key, (num_envs,), 0, config.game.episode_steps, jnp.int32))
+    return env.replace(
+        clock=jax.random.randint(key, (num_envs,), 0, config.game.episode_steps, jnp.int32)
+    )
 
 
 def _collect(combat: Combat, state: TrainState) -> tuple[EnvState, Transition]:
-    """Fly with those who play in this chunk; a policy for each environment is costly, so live chunks go without."""
+    """Fly with those who play in this chunk; a policy for each environment is costly, so live
+    chunks go without.
+    """
     config = combat.config
-    noise, spawn = (_key(state.seed, state.iteration, purpose) for purpose in (Purpose.NOISE, Purpose.SPAWN))
+    noise, spawn = (
+        _key(state.seed, state.iteration, purpose) for purpose in (Purpose.NOISE, Purpose.SPAWN)
+    )
 
     def fly(policies: Policies) -> tuple[EnvState, Transition]:
-        env, rollout = collect(combat, policies, along_environments(state.env, axis=0), noise, spawn)
+        env, rollout = collect(
+            combat, policies, along_environments(state.env, axis=0), noise, spawn
+        )
         return along_environments(env, axis=0), along_environments(rollout, axis=1)
 
     policies = players(config, state.learners, state.selfplay)

@@ -1,8 +1,9 @@
-"""The pool of past players: saving them, drawing from them, playing them, counting wins against them.
+"""The pool of past players: saving them, drawing from them, playing them, counting wins against
+them.
 
-Everything is arrays in the jitted program. A chunk is either live, and both agents learn, or frozen: one
-role is then played by its past, and only the other learns. What does not live here: the weights by which
-past players are drawn (`samplers`) and the order of events in a chunk (`chunk`).
+Everything is arrays in the jitted program. A chunk is either live, and both agents learn, or
+frozen: one role is then played by its past, and only the other learns. What does not live here: the
+weights by which past players are drawn (`samplers`) and the order of events in a chunk (`chunk`).
 """
 
 from functools import partial
@@ -29,11 +30,15 @@ NOBODY = -1
 
 def past_roles(selfplay: SelfPlayConfig) -> tuple[int, ...]:
     """The roles whose past is played: the opponents of those who meet it."""
-    return {"defender": (ATTACKER,), "attacker": (DEFENDER,), "both": (DEFENDER, ATTACKER)}[selfplay.roles]
+    return {"defender": (ATTACKER,), "attacker": (DEFENDER,), "both": (DEFENDER, ATTACKER)}[
+        selfplay.roles
+    ]
 
 
 def init_selfplay(config: Config, learners: Learner) -> SelfPlay | None:
-    """Empty pools with a slot for every chunk; None where no past player is ever met. `learners` leaves [A, ...]."""
+    """Empty pools with a slot for every chunk; None where no past player is ever met. `learners`
+    leaves [A, ...].
+    """
     if config.selfplay.probability == 0.0:
         return None
     slots = config.num_chunks
@@ -42,7 +47,8 @@ def init_selfplay(config: Config, learners: Learner) -> SelfPlay | None:
         if role not in past_roles(config.selfplay):
             return None
         policies = jax.tree.map(
-            lambda leaf: jnp.zeros((slots, *leaf.shape), leaf.dtype), policy_of(select(learners, role))
+            lambda leaf: jnp.zeros((slots, *leaf.shape), leaf.dtype),
+            policy_of(select(learners, role)),
         )
         return Pool(policies, wins=jnp.zeros(slots), games=jnp.zeros(slots))
 
@@ -52,7 +58,8 @@ def init_selfplay(config: Config, learners: Learner) -> SelfPlay | None:
 
 
 def save_players(config: Config, state: SelfPlay, learners: Learner, slot: jax.Array) -> SelfPlay:
-    """Save the live players, `learners` leaves [A, ...], in slot `slot` []; the records of wins fade.
+    """Save the live players, `learners` leaves [A, ...], in slot `slot` []; the records of wins
+    fade.
 
     They were won by a learner that has moved on since.
     """
@@ -73,12 +80,17 @@ def member(pool: Pool, slots: jax.Array) -> Policy:
 
 
 def win_rates(pool: Pool) -> jax.Array:
-    """[K] share of wins of the live learner against each member, shrunk towards 1/2 (Laplace's rule)."""
+    """[K] share of wins of the live learner against each member, shrunk towards 1/2 (Laplace's
+    rule).
+    """
     return (pool.wins + 1.0) / (pool.games + 2.0)
 
 
-def draw(selfplay: SelfPlayConfig, pool: Pool, filled: jax.Array, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
-    """Slots [*shape] int32 of past players, by the sampler's weights; a slot that is not filled is never drawn.
+def draw(
+    selfplay: SelfPlayConfig, pool: Pool, filled: jax.Array, key: jax.Array, shape: tuple[int, ...]
+) -> jax.Array:
+    """Slots [*shape] int32 of past players, by the sampler's weights; a slot that is not filled is
+    never drawn.
 
     Where all weights are 0 (nobody is worth meeting), every member is as good.
     """
@@ -90,15 +102,21 @@ def draw(selfplay: SelfPlayConfig, pool: Pool, filled: jax.Array, key: jax.Array
 
 
 def choose(config: Config, state: SelfPlay, chunk: jax.Array, key: jax.Array) -> SelfPlay:
-    """Draw who is met in chunk `chunk` [] int32; the pools must hold the players of this chunk's start.
+    """Draw who is met in chunk `chunk` [] int32; the pools must hold the players of this chunk's
+    start.
 
-    With probability p the chunk is frozen; never the first one, nor any of the attacker's head start.
+    With probability p the chunk is frozen; never the first one, nor any of the attacker's head
+    start.
     """
     selfplay = config.selfplay
     coin, lot, *keys = jax.random.split(key, 2 + NUM_AGENTS)
     roles = past_roles(selfplay)
     role = jnp.asarray(roles, jnp.int32)[jax.random.randint(lot, (), 0, len(roles))]
-    frozen = (jax.random.uniform(coin) < selfplay.probability) & (chunk > 0) & (chunk >= config.head_start_chunks)
+    frozen = (
+        (jax.random.uniform(coin) < selfplay.probability)
+        & (chunk > 0)
+        & (chunk >= config.head_start_chunks)
+    )
     num_envs = state.opponent.shape[0]
     shape = () if selfplay.scope == "chunk" else (num_envs,)
     opponent = jnp.full(num_envs, NOBODY, jnp.int32)
@@ -129,29 +147,36 @@ def players(config: Config, learners: Learner, state: SelfPlay | None) -> Polici
 
 
 def lose_live(config: Config, learners: Learner, state: SelfPlay) -> Learner:
-    """`learners` after the authors' slip: in a frozen chunk the past player takes the live one's place for good.
+    """`learners` after the authors' slip: in a frozen chunk the past player takes the live one's
+    place for good.
 
     Its policy and observation scaler do, that is; critic, optimiser and rates stay the live one's.
     """
     policies = players(config, learners, state)
     network, log_std, scaler = (
         jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
-        for parts in zip(*((p.network, p.log_std, p.observation_scaler) for p in policies), strict=True)
+        for parts in zip(
+            *((p.network, p.log_std, p.observation_scaler) for p in policies), strict=True
+        )
     )
     return learners.replace(
-        parameters=learners.parameters.replace(policy=network, log_std=log_std), observation_scaler=scaler
+        parameters=learners.parameters.replace(policy=network, log_std=log_std),
+        observation_scaler=scaler,
     )
 
 
 def met(state: SelfPlay | None, num_envs: int) -> jax.Array:
-    """Whom the learner meets in each environment, as a code [N] int32: NOBODY for live players, else role and slot."""
+    """Whom the learner meets in each environment, as a code [N] int32: NOBODY for live players,
+    else role and slot.
+    """
     if state is None:
         return jnp.full(num_envs, NOBODY, jnp.int32)
     return jnp.where(state.frozen == NOBODY, NOBODY, NUM_AGENTS * state.opponent + state.frozen)
 
 
 def count_wins(state: SelfPlay, outcomes: jax.Array, counted: jax.Array) -> SelfPlay:
-    """Enter the fights that count, where `counted` [T, N], with `outcomes` [T, N] (`Outcome`), into the records.
+    """Enter the fights that count, where `counted` [T, N], with `outcomes` [T, N] (`Outcome`), into
+    the records.
 
     The present past player must have flown all of them (`tally.counted`).
     """
@@ -166,13 +191,18 @@ def count_wins(state: SelfPlay, outcomes: jax.Array, counted: jax.Array) -> Self
         member = jnp.maximum(state.opponent, 0)
         add = lambda record, counts: record.at[member].add(jnp.sum(counts, axis=0))  # noqa: B023 - used at once
         pools.append(
-            pool.replace(wins=add(pool.wins, score * played), games=add(pool.games, played.astype(jnp.float32)))
+            pool.replace(
+                wins=add(pool.wins, score * played),
+                games=add(pool.games, played.astype(jnp.float32)),
+            )
         )
     return state.replace(pools=tuple(pools))
 
 
 def resize(state: SelfPlay, slots: int) -> SelfPlay:
-    """The same with pools of `slots` slots, empty ones added or dropped: a run may be made longer. Leaves [S, ...]."""
+    """The same with pools of `slots` slots, empty ones added or dropped: a run may be made longer.
+    Leaves [S, ...].
+    """
 
     def fit(leaf: jax.Array) -> jax.Array:
         missing = slots - leaf.shape[1]

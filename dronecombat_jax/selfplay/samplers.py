@@ -19,7 +19,8 @@ class Members(NamedTuple):
 
     slot: jax.Array  # [K] int32: 0, 1, ..., K - 1; the untrained player is slot 0
     filled: jax.Array  # [] int32, slots in use: the newest member is slot filled - 1
-    win_rate: jax.Array  # [K] x, the live learner's share of wins against each member; 1/2 where they never met
+    # [K] x, the live learner's share of wins against each member; 1/2 where they never met
+    win_rate: jax.Array
 
 
 Sampler = Callable[[Members, SelfPlayConfig], jax.Array]
@@ -31,18 +32,25 @@ def uniform(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
 
 
 def latest(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
-    """The newest past player alone: naive self-play against an opponent that stands still for a chunk."""
+    """The newest past player alone: naive self-play against an opponent that stands still for a
+    chunk.
+    """
     return (members.slot == members.filled - 1).astype(jnp.float32)
 
 
 def delta_uniform(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
-    """Alike among the newest share `delta` of the pool (Bansal et al. 2018, section 4.2; their delta is 1 - ours)."""
+    """Alike among the newest share `delta` of the pool (Bansal et al.
+
+    2018, section 4.2; their delta is 1 - ours).
+    """
     oldest = jnp.floor((1.0 - selfplay.delta) * members.filled.astype(jnp.float32))
     return (members.slot >= jnp.minimum(oldest, members.filled - 1)).astype(jnp.float32)
 
 
 def pfsp_hard(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
-    """(1 - x)^k: those who beat the learner (Vinyals et al. 2019, prioritised fictitious self-play)."""
+    """(1 - x)^k: those who beat the learner (Vinyals et al. 2019, prioritised fictitious
+    self-play).
+    """
     return (1.0 - members.win_rate) ** selfplay.pfsp_power
 
 

@@ -1,9 +1,10 @@
-"""What training knows of each fight under way: the steps flown, the rewards earned, and who has flown it.
+"""What training knows of each fight under way: the steps flown, the rewards earned, and who has
+flown it.
 
-A fight counts in outcome shares, lengths, returns and records of wins if it was flown from its start to its end by the
-same two. Fights go on over a chunk's boundary, where the opponent may change, and the clocks of a run's first fights
-begin anywhere: such fights teach as any other, and count nowhere. What does not live here: the counting itself
-(`chunk.summarize`, `pool.count_wins`).
+A fight counts in outcome shares, lengths, returns and records of wins if it was flown from its
+start to its end by the same two. Fights go on over a chunk's boundary, where the opponent may
+change, and the clocks of a run's first fights begin anywhere: such fights teach as any other, and
+count nowhere. What does not live here: the counting itself (`chunk.summarize`, `pool.count_wins`).
 """
 
 import jax
@@ -17,16 +18,21 @@ MIXED = -2  # as `Flown.met`: its opponent changed, or is not known
 def fresh(num_envs: int) -> Flown:
     """Fights about to start."""
     steps = jnp.zeros(num_envs, jnp.int32)
-    return Flown(steps=steps, returns=jnp.zeros((num_envs, NUM_AGENTS)), met=jnp.full_like(steps, MIXED))
+    return Flown(
+        steps=steps, returns=jnp.zeros((num_envs, NUM_AGENTS)), met=jnp.full_like(steps, MIXED)
+    )
 
 
 def unknown(num_envs: int) -> Flown:
-    """Fights under way of which nothing is known: they never count, since their steps never equal their clock."""
+    """Fights under way of which nothing is known: they never count, since their steps never equal
+    their clock.
+    """
     return fresh(num_envs).replace(steps=jnp.full(num_envs, -1, jnp.int32))
 
 
 def follow(flown: Flown, rollout: Transition, met: jax.Array) -> tuple[Flown, Flown]:
-    """Go through `rollout` [T, N, ...], flown against `met` [N]; returns the state after it, and at each step [T, N].
+    """Go through `rollout` [T, N, ...], flown against `met` [N]; returns the state after it, and at
+    each step [T, N].
 
     A step's own state includes the step and comes before any reset.
     """

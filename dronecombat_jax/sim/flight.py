@@ -1,6 +1,7 @@
 """Flight: wrench, gyroscopic correction and physics substeps of both drones in MJX.
 
-What does not live here: the MJCF and its indices (`scene`), one timestep (`physics`), the rules of the game (`combat`).
+What does not live here: the MJCF and its indices (`scene`), one timestep (`physics`), the rules of
+the game (`combat`).
 """
 
 from collections.abc import Callable
@@ -22,7 +23,8 @@ Step = Callable[[jax.Array, jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
 
 
 def build_step(sim: SimConfig, scene: Scene) -> Step:
-    """Return `step(qpos [14], qvel [12], action [A, 4]) -> (qpos, qvel)`, one control step of one scene.
+    """Return `step(qpos [14], qvel [12], action [A, 4]) -> (qpos, qvel)`, one control step of one
+    scene.
 
     The constants of the scene and the choices of `sim` are bound here, once. The action is
     clipped to [-1, 1]; vmap over environments is the caller's.
@@ -44,7 +46,8 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
     def step(qpos: jax.Array, qvel: jax.Array, action: jax.Array) -> tuple[jax.Array, jax.Array]:
         thrust, moment = wrench(action, full_thrust, sim.moment_scale)
         again = lambda state, _: (substep(state[0], state[1], thrust, moment), None)
-        state, _ = jax.lax.scan(again, (qpos, qvel), length=sim.substeps, unroll=True)  # no loop, but traced once
+        # no loop, but traced once
+        state, _ = jax.lax.scan(again, (qpos, qvel), length=sim.substeps, unroll=True)
         return state
 
     return step
@@ -116,8 +119,13 @@ def split(qpos: jax.Array, qvel: jax.Array) -> Drones:
     return Drones(pose[..., :3], pose[..., 3:], twist[..., :3], twist[..., 3:])
 
 
-def wrench(action: jax.Array, full_thrust: jax.Array, moment_scale: float) -> tuple[jax.Array, jax.Array]:
-    """Action [A, 4] -> thrust [A] in N along body z and moment [A, 3] in N m about body axes (eq. 7, 8)."""
+def wrench(
+    action: jax.Array, full_thrust: jax.Array, moment_scale: float
+) -> tuple[jax.Array, jax.Array]:
+    """Action [A, 4] -> thrust [A] in N along body z and moment [A, 3] in N m about body axes (eq.
+
+    7, 8).
+    """
     action = jnp.clip(action, -1.0, 1.0)
     return full_thrust * (action[:, 0] + 1.0) / 2.0, moment_scale * action[:, 1:]
 
@@ -161,7 +169,9 @@ def skew(v: jax.Array) -> jax.Array:
 
 
 def solve_3x3(matrix: jax.Array, vector: jax.Array) -> jax.Array:
-    """Solve `matrix [..., 3, 3] x = vector [..., 3]` by Cramer's rule; cheap under vmap on every device."""
+    """Solve `matrix [..., 3, 3] x = vector [..., 3]` by Cramer's rule; cheap under vmap on every
+    device.
+    """
     a, b, c = matrix[..., 0], matrix[..., 1], matrix[..., 2]
     bc, ca, ab = jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)
     determinant = jnp.sum(a * bc, axis=-1)

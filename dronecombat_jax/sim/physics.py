@@ -1,4 +1,5 @@
-"""One timestep of both drones in MJX, without the phases that are nothing for two free rigid bodies.
+"""One timestep of both drones in MJX, without the phases that are nothing for two free rigid
+bodies.
 
 What does not live here: the models (`scene`), the forces and the substeps (`flight`).
 """
@@ -18,10 +19,11 @@ LEVEL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # at the origin, axes along the wor
 
 
 def build_physics(scene: Scene) -> Physics:
-    """Return `advance(qpos [14], qvel [12], force [12]) -> (qpos, qvel)`, one timestep of the lean model.
+    """Return `advance(qpos [14], qvel [12], force [12]) -> (qpos, qvel)`, one timestep of the lean
+    model.
 
-    `force` is MuJoCo's `qfrc_applied`: N in the world frame and N m in the body frame, drone by drone.
-    Its small products are float32 whatever `run.matmul_precision` lets the networks do.
+    `force` is MuJoCo's `qfrc_applied`: N in the world frame and N m in the body frame, drone by
+    drone. Its small products are float32 whatever `run.matmul_precision` lets the networks do.
     """
     mjx, model, level = load_mjx(scene)
 
@@ -29,14 +31,14 @@ def build_physics(scene: Scene) -> Physics:
         # fwd_position is left out, and `level` holds its results. A free joint's velocity is linear
         # in the world frame and angular in the body's. Where the body's origin is its centre of
         # mass, the equations of motion in these coordinates, m a = f + m g and I w' = t - w x I w,
-        # do not contain the pose. So masses, motion axes and inertias of any one pose give them, and
-        # at the origin no difference of large positions is rounded.
+        # do not contain the pose. So masses, motion axes and inertias of any one pose give them,
+        # and at the origin no difference of large positions is rounded.
         data = mjx.fwd_velocity(model, level.replace(qvel=qvel, qfrc_applied=force))
-        # No actuators: fwd_actuation is nothing. The forces on bodies in here are constant zeros at a constant
-        # pose, which XLA sums while it compiles.
+        # No actuators: fwd_actuation is nothing. The forces on bodies in here are constant zeros at
+        # a constant pose, which XLA sums while it compiles.
         data = mjx.fwd_acceleration(model, data)
-        # No constraints, contacts or sensors: what mjx.step does between the two is nothing, too. The quaternion,
-        # which fwd_position would normalise, is normalised by the integrator.
+        # No constraints, contacts or sensors: what mjx.step does between the two is nothing, too.
+        # The quaternion, which fwd_position would normalise, is normalised by the integrator.
         data = mjx.euler(model, data.replace(qpos=qpos, qacc=data.qacc_smooth))
         return data.qpos, data.qvel
 
@@ -48,7 +50,9 @@ def build_physics(scene: Scene) -> Physics:
 
 
 def load_mjx(scene: Scene) -> tuple[Any, Any, Any]:
-    """The MJX module, the lean model on the device, and its data with both drones at the origin, level and at rest."""
+    """The MJX module, the lean model on the device, and its data with both drones at the origin,
+    level and at rest.
+    """
     mjx = import_mjx()
     here = jax.local_devices()[0]  # left alone, MJX takes the first of all processes
     data = mujoco.MjData(scene.lean)

@@ -1,9 +1,10 @@
-"""Cells of a tournament on disk: shards that are only ever added, each cell found again by the content of its players.
+"""Cells of a tournament on disk: shards that are only ever added, each cell found again by the
+content of its players.
 
     cells/<sha256>.npz    context (JSON) and n cells: defender, attacker [n, 32], cause [n, E], steps [n, E]
 
-A shard is named after the hash of its bytes and is there whole or not at all. What does not live here: the result
-made of the cells (`result_file`). Needs no JAX.
+A shard is named after the hash of its bytes and is there whole or not at all. What does not live
+here: the result made of the cells (`result_file`). Needs no JAX.
 """
 
 import hashlib
@@ -35,7 +36,9 @@ class Pair(NamedTuple):
 
 
 def write_shard(folder: Path, context: dict[str, Any], cells: Sequence[Pair]) -> None:
-    """Add `cells` flown under `context` (plain JSON) to `folder`; the same cells again change nothing. UserError 73."""
+    """Add `cells` flown under `context` (plain JSON) to `folder`; the same cells again change
+    nothing. UserError 73.
+    """
     if not cells:
         return
     buffer = io.BytesIO()
@@ -52,15 +55,22 @@ def write_shard(folder: Path, context: dict[str, Any], cells: Sequence[Pair]) ->
 
 
 def read_cells(
-    folder: Path, context: dict[str, Any], defenders: Sequence[str], attackers: Sequence[str], episodes: int
+    folder: Path,
+    context: dict[str, Any],
+    defenders: Sequence[str],
+    attackers: Sequence[str],
+    episodes: int,
 ) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
-    """Causes and steps [D, A, E] of the cells in `folder` that were flown under `context`; 0 where there is none.
+    """Causes and steps [D, A, E] of the cells in `folder` that were flown under `context`; 0 where
+    there is none.
 
     A damaged shard is warned of and set aside, and its cells count as not flown.
     """
     cause = np.zeros((len(defenders), len(attackers), episodes), np.int8)
     steps = np.zeros(cause.shape, np.int32)
-    index = [{_digest(one).tobytes(): i for i, one in enumerate(side)} for side in (defenders, attackers)]
+    index = [
+        {_digest(one).tobytes(): i for i, one in enumerate(side)} for side in (defenders, attackers)
+    ]
     wanted = _spelt(context)
     for path in sorted(folder.glob("*.npz")):
         shard = _read(path)

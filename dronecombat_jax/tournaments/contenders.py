@@ -1,6 +1,7 @@
 """Players out of runs, policy files and scripted pilots, as they are named on the command line.
 
-What does not live here: which of them meet, duplicates, and whether they know the same game (`entrants`).
+What does not live here: which of them meet, duplicates, and whether they know the same game
+(`entrants`).
 """
 
 import hashlib
@@ -52,8 +53,8 @@ class Found(NamedTuple):
 def find(word: str, every: int = 1, untrained: bool = False) -> Found:
     """The players that `word` names: `scripted:NAME`, `scripted:all`, a policy file, or a run.
 
-    Of a run: both sides after every chunk, or every n-th and the last, as in the paper; also as they began with
-    `untrained`. Raises UserError where there is nothing.
+    Of a run: both sides after every chunk, or every n-th and the last, as in the paper; also as
+    they began with `untrained`. Raises UserError where there is nothing.
     """
     if word.startswith(SCRIPTED_PREFIX):
         return Found(_scripted(word.removeprefix(SCRIPTED_PREFIX)))
@@ -67,7 +68,9 @@ def identity_of(policy: Policy, normalize: bool) -> str:
     tensors = tensors_of(policy)
     tensors.pop("observation_count")
     if not normalize:
-        tensors = {name: array for name, array in tensors.items() if not name.startswith("observation_")}
+        tensors = {
+            name: array for name, array in tensors.items() if not name.startswith("observation_")
+        }
     return hashlib.sha256(f"{state_digest(tensors)} {normalize}".encode()).hexdigest()
 
 
@@ -81,24 +84,39 @@ def _scripted(name: str) -> list[Contender]:
     chosen = [(role, one) for role, one in known if name in (ALL, one)]
     if not chosen:
         names = "; ".join(f"{ROLES[role]}s: {', '.join(pilots)}" for role, pilots in PILOTS.items())
-        raise UserError(f"{one_line(SCRIPTED_PREFIX + name)}: no scripted pilot has this name ({names}; or {ALL})")
-    return [Contender(role, Entrant(one, one, SCRIPTED, "", -1, -1, 0), Player(one, one), None) for role, one in chosen]
+        raise UserError(
+            f"{one_line(SCRIPTED_PREFIX + name)}: no scripted pilot has this name ({names}; or {ALL})"
+        )
+    return [
+        Contender(role, Entrant(one, one, SCRIPTED, "", -1, -1, 0), Player(one, one), None)
+        for role, one in chosen
+    ]
 
 
 def _file(path: Path) -> Found:
     if path.suffix != POLICY_SUFFIX:
-        raise UserError(f"{one_line(str(path))}: a policy file ends in {POLICY_SUFFIX}", EXIT_CONFIG)
+        raise UserError(
+            f"{one_line(str(path))}: a policy file ends in {POLICY_SUFFIX}", EXIT_CONFIG
+        )
     policy, info = load_policy(path)
     player = _player(policy, info.normalize_observations)
-    entrant = Entrant(player.identity, one_line(path.stem), EXPORTED, info.run, info.seed, info.chunk, info.steps)
+    entrant = Entrant(
+        player.identity, one_line(path.stem), EXPORTED, info.run, info.seed, info.chunk, info.steps
+    )
     contender = Contender(ROLES.index(info.role), entrant, player, info.environment)
     return Found([contender], _config_of(info))
 
 
 def _config_of(info: PolicyInfo) -> Config:
-    """The game of a policy file; what this version does not know is left out, and found by `environment_diff`."""
+    """The game of a policy file; what this version does not know is left out, and found by
+    `environment_diff`.
+    """
     there = {key: SCHEMA[key] for key in info.environment if key in SCHEMA}
-    values = {key: info.environment[key] for key, entry in there.items() if not entry.problem(info.environment[key])}
+    values = {
+        key: info.environment[key]
+        for key, entry in there.items()
+        if not entry.problem(info.environment[key])
+    }
     return build(Config, {key: there[key].normal(value) for key, value in values.items()})
 
 
@@ -133,7 +151,11 @@ def _chosen(run: RunDirectory, config: Config, every: int, untrained: bool) -> l
     Also those that are gone since, unless the run keeps only some (`run.keep`).
     """
     chunk_iterations = config.train.chunk_iterations
-    saved = [step // chunk_iterations for step in checkpoint.steps(run.checkpoints) if step % chunk_iterations == 0]
+    saved = [
+        step // chunk_iterations
+        for step in checkpoint.steps(run.checkpoints)
+        if step % chunk_iterations == 0
+    ]
     saved = [chunk for chunk in saved if chunk > 0 or untrained]
     if not saved:
         return []
@@ -143,15 +165,23 @@ def _chosen(run: RunDirectory, config: Config, every: int, untrained: bool) -> l
 
 
 def _roles(config: Config) -> tuple[int, ...]:
-    return (ATTACKER,) if config.game.scenario == "solo" else (DEFENDER, ATTACKER)  # no defender flew in solo
+    # no defender flew in solo
+    return (ATTACKER,) if config.game.scenario == "solo" else (DEFENDER, ATTACKER)
 
 
 def _policies(arrays: Arrays, path: Path) -> Policy:
-    """The policies in a checkpoint, leaves [S, A, ...]. Raises CheckpointError where there are none that can fly."""
+    """The policies in a checkpoint, leaves [S, A, ...].
+
+    Raises CheckpointError where there are none that can fly.
+    """
     layers = sum(name.startswith("learners/parameters/policy/weights/") for name in arrays)
-    each: Any = lambda part: tuple(arrays[f"learners/parameters/policy/{part}/{layer}"] for layer in range(layers))
+    each: Any = lambda part: tuple(
+        arrays[f"learners/parameters/policy/{part}/{layer}"] for layer in range(layers)
+    )
     try:
-        scaler: Any = [arrays[f"learners/observation_scaler/{part}"] for part in ("mean", "variance", "count")]
+        scaler: Any = [
+            arrays[f"learners/observation_scaler/{part}"] for part in ("mean", "variance", "count")
+        ]
         network: Any = MLP(each("weights"), each("biases"))
         log_std: Any = arrays["learners/parameters/log_std"]
     except KeyError as error:
@@ -171,7 +201,9 @@ def _contender(
     policies: Policy | None,
     met: dict[str, Any] | None,
 ) -> Contender:
-    """The player of one role and seed (by `index`) after `step` iterations; without `policies` a missing one."""
+    """The player of one role and seed (by `index`) after `step` iterations; without `policies` a
+    missing one.
+    """
     name, seed = one_line(run.path.resolve().name), config.train.seed + index
     name = f"{name}/{seed}" if config.train.num_seeds > 1 else name
     method = "s-ippo" if config.selfplay.probability > 0.0 else "ippo"
@@ -182,4 +214,6 @@ def _contender(
         player = _player(as_flown(policy, config.learn), config.learn.normalize_observations)
         identity = player.identity
     steps = step * config.steps_per_iteration
-    return Contender(role, Entrant(identity, f"{name} {chunk}", method, name, seed, chunk, steps), player, met)
+    return Contender(
+        role, Entrant(identity, f"{name} {chunk}", method, name, seed, chunk, steps), player, met
+    )

@@ -1,4 +1,5 @@
-"""The field of a tournament: who was named, verified whole before anything is compiled, each player once.
+"""The field of a tournament: who was named, verified whole before anything is compiled, each player
+once.
 
 What does not live here: reading one run or file (`contenders`).
 """
@@ -26,7 +27,8 @@ class Seat(NamedTuple):
 
     entrant: Entrant
     player: Player | None  # None: missing, its cells stay empty
-    also: tuple[str, ...]  # labels of others with the same content, files among them, which are not flown again
+    # labels of others with the same content, files among them, which are not flown again
+    also: tuple[str, ...]
 
 
 class Field(NamedTuple):
@@ -50,22 +52,31 @@ def read_field(
     """Read and check everybody whom `words` name (`contenders.find`).
 
     `mjcf`: the file of the drone or scene to fly, instead of where their runs left it.
-    Raises UserError: 2 for words that mean nothing and for a side without players; 3 that lists every checkpoint or
-    file that cannot be used (unless `skip_bad`), or every player of another game (unless `allow_mismatch`).
+    Raises UserError: 2 for words that mean nothing and for a side without players; 3 that lists
+    every checkpoint or file that cannot be used (unless `skip_bad`), or every player of another
+    game (unless `allow_mismatch`).
     """
     found, bad = _find_all(words, every, untrained)
     if bad and not skip_bad:
-        raise UserError("\n".join([*bad, "nothing was flown; --skip-bad flies the others"]), EXIT_DATA)
+        raise UserError(
+            "\n".join([*bad, "nothing was flown; --skip-bad flies the others"]), EXIT_DATA
+        )
     contenders = [contender for one in found for contender in one.contenders]
     config = _game(found, mjcf)
     if config.game.scenario == "solo":
-        raise UserError("these policies were trained in solo, where nobody defends: there is no fight", EXIT_CONFIG)
+        raise UserError(
+            "these policies were trained in solo, where nobody defends: there is no fight",
+            EXIT_CONFIG,
+        )
     notices = _other_games(contenders, config, allow_mismatch)
     _refuse_two_of_a_name(contenders)
     seats = _seats(contenders, DEFENDER), _seats(contenders, ATTACKER)
     for role, side in enumerate(seats):
         if not any(seat.player for seat in side):
-            raise UserError(f"no {ROLES[role]} takes part; name a run, a policy file or a scripted pilot", EXIT_CONFIG)
+            raise UserError(
+                f"no {ROLES[role]} takes part; name a run, a policy file or a scripted pilot",
+                EXIT_CONFIG,
+            )
         notices += _saved_again(role, side)
     return Field(config, seats, tuple(notices), tuple(bad))
 
@@ -98,14 +109,18 @@ def _find_all(words: Sequence[str], every: int, untrained: bool) -> tuple[list[F
         try:
             found.append(find(word, every, untrained))
         except UserError as error:
-            (bad if error.exit_code == EXIT_DATA else meaningless).extend(error.message.splitlines())
+            (bad if error.exit_code == EXIT_DATA else meaningless).extend(
+                error.message.splitlines()
+            )
     if meaningless:
         raise UserError("\n".join(meaningless), EXIT_CONFIG)
     return found, bad + [line for one in found for line in one.bad]
 
 
 def _other_games(contenders: list[Contender], config: Config, allowed: bool) -> list[str]:
-    """One line for each group of players who know another game than that of `config`; UserError 3 unless `allowed`."""
+    """One line for each group of players who know another game than that of `config`; UserError 3
+    unless `allowed`.
+    """
     here, groups = environment(config), {}
     for contender in contenders:
         if contender.environment is not None:
@@ -128,20 +143,34 @@ def _refuse_two_of_a_name(contenders: list[Contender]) -> None:
     """Raise UserError 2 where two runs are called the same: their players could not be told apart."""
     known: dict[tuple[int, str], str] = {}
     for role, entrant, _, _ in contenders:
-        if entrant.method != EXPORTED and known.setdefault((role, entrant.label), entrant.identity) != entrant.identity:
-            raise UserError(f"two different players are called {entrant.label}: rename one of the runs", EXIT_CONFIG)
+        if (
+            entrant.method != EXPORTED
+            and known.setdefault((role, entrant.label), entrant.identity) != entrant.identity
+        ):
+            raise UserError(
+                f"two different players are called {entrant.label}: rename one of the runs",
+                EXIT_CONFIG,
+            )
 
 
 def _saved_again(role: int, side: list[Seat]) -> list[str]:
     """What is to be said of players of the same content."""
-    told = [f"{ROLES[role]} {seat.entrant.label} is also {_named(seat.also)}" for seat in side if seat.also]
+    told = [
+        f"{ROLES[role]} {seat.entrant.label} is also {_named(seat.also)}"
+        for seat in side
+        if seat.also
+    ]
     if len(told) > _MAX_NAMED:
-        return [f"{len(told)} {ROLES[role]}s were saved more than once (such as {told[0]}): flown once each"]
+        return [
+            f"{len(told)} {ROLES[role]}s were saved more than once (such as {told[0]}): flown once each"
+        ]
     return [f"{one}: flown once" for one in told]
 
 
 def _seats(contenders: list[Contender], role: int) -> list[Seat]:
-    """The players of one side in the order named, each content once, under the name of a run rather than of a file."""
+    """The players of one side in the order named, each content once, under the name of a run rather
+    than of a file.
+    """
     named: dict[str, dict[str, Contender]] = {}
     for one in contenders:
         if one.role == role:
@@ -151,10 +180,15 @@ def _seats(contenders: list[Contender], role: int) -> list[Seat]:
 
 def _seat(same: list[Contender]) -> Seat:
     """One place for contenders of the same content."""
-    first, *others = sorted(same, key=lambda one: one.entrant.method == EXPORTED)  # else in the order named
+    # else in the order named
+    first, *others = sorted(same, key=lambda one: one.entrant.method == EXPORTED)
     saved = [one.entrant for one in others if one.entrant.method != EXPORTED]
-    also = tuple(Alias(one.label, one.method, one.run, one.seed, one.chunk, one.steps) for one in saved)
-    return Seat(first.entrant._replace(also=also), first.player, tuple(one.entrant.label for one in others))
+    also = tuple(
+        Alias(one.label, one.method, one.run, one.seed, one.chunk, one.steps) for one in saved
+    )
+    return Seat(
+        first.entrant._replace(also=also), first.player, tuple(one.entrant.label for one in others)
+    )
 
 
 def _named(texts: Sequence[str], separator: str = ", ") -> str:

@@ -1,4 +1,5 @@
-"""How the players of a tournament fly: each run's two sides of one chunk against each other, recorded step by step.
+"""How the players of a tournament fly: each run's two sides of one chunk against each other,
+recorded step by step.
 
     tournaments/<name>/flights.json    one row for each run and chunk of which both sides take part
 
@@ -33,7 +34,9 @@ FLIGHTS_NAME = "flights.json"
 
 
 class Flown(NamedTuple):
-    """Means over a pair's recorded fights; NaN where nothing was measured. Pairs of numbers: defender, attacker."""
+    """Means over a pair's recorded fights; NaN where nothing was measured. Pairs of numbers:
+    defender, attacker.
+    """
 
     run: str  # `Entrant.lineage`
     method: str
@@ -64,13 +67,23 @@ def record_flights(
     def fly(normalize: tuple[bool, bool], defender: Policy, attacker: Policy) -> FightRecord:
         learn = [LearnConfig(normalize_observations=one) for one in normalize]
         first = policy_pilot(learn[DEFENDER], defender, DEFENDER, rules.stochastic)
-        return record(combat, first, policy_pilot(learn[ATTACKER], attacker, ATTACKER, rules.stochastic), starts, key)
+        return record(
+            combat,
+            first,
+            policy_pilot(learn[ATTACKER], attacker, ATTACKER, rules.stochastic),
+            starts,
+            key,
+        )
 
     known: dict[tuple[int, int], Flight] = {}
     flown = []
     for one, pair in _pairs(entrants):
         defender, attacker = players[DEFENDER][pair[0]], players[ATTACKER][pair[1]]
-        if not (defender and attacker) or isinstance(defender.pilot, str) or isinstance(attacker.pilot, str):
+        if (
+            not (defender and attacker)
+            or isinstance(defender.pilot, str)
+            or isinstance(attacker.pilot, str)
+        ):
             continue
         if pair not in known:  # what a chunk left alone flies as before
             told = fly((defender.normalize, attacker.normalize), defender.pilot, attacker.pilot)
@@ -82,28 +95,42 @@ def record_flights(
 def save_flights(folder: Path, flown: Sequence[Flown]) -> None:
     """Write `flights.json`. UserError 73."""
     plain = lambda value: None if isinstance(value, float) and not math.isfinite(value) else value
-    spelt = lambda value: [plain(one) for one in value] if isinstance(value, tuple) else plain(value)
+    spelt = lambda value: (
+        [plain(one) for one in value] if isinstance(value, tuple) else plain(value)
+    )
     rows = [{name: spelt(value) for name, value in one._asdict().items()} for one in flown]
     write_atomic(folder / FLIGHTS_NAME, json.dumps(rows, indent=1, allow_nan=False) + "\n")
 
 
 def load_flights(folder: Path) -> tuple[Flown, ...]:
-    """The rows in a tournament's folder, none where no fights were recorded. UserError 3 where they are damaged."""
+    """The rows in a tournament's folder, none where no fights were recorded.
+
+    UserError 3 where they are damaged.
+    """
     path = folder / FLIGHTS_NAME
     if not path.is_file():
         return ()
     number = lambda value: math.nan if value is None else value
-    read: Any = lambda value: tuple(map(number, value)) if isinstance(value, list) else number(value)
+    read: Any = lambda value: (
+        tuple(map(number, value)) if isinstance(value, list) else number(value)
+    )
     try:
         return tuple(
-            Flown(**{name: read(value) for name, value in row.items()}) for row in json.loads(path.read_text())
+            Flown(**{name: read(value) for name, value in row.items()})
+            for row in json.loads(path.read_text())
         )
     except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise UserError(f"{one_line(str(path))}: damaged: {one_line(str(error))}", EXIT_DATA) from None
+        raise UserError(
+            f"{one_line(str(path))}: damaged: {one_line(str(error))}", EXIT_DATA
+        ) from None
 
 
-def _pairs(entrants: tuple[Sequence[Entrant], Sequence[Entrant]]) -> list[tuple[Entrant, tuple[int, int]]]:
-    """Of every run and chunk with both sides: its defender as it is called there, and the indices of both."""
+def _pairs(
+    entrants: tuple[Sequence[Entrant], Sequence[Entrant]],
+) -> list[tuple[Entrant, tuple[int, int]]]:
+    """Of every run and chunk with both sides: its defender as it is called there, and the indices
+    of both.
+    """
     defenders, attackers = (by_training(side) for side in entrants)
     found = []
     for lineage, saved in defenders.items():

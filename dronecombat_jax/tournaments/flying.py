@@ -1,4 +1,6 @@
-"""Flying the missing cells of a tournament: progress on the screen, shards on the disk, signals answered."""
+"""Flying the missing cells of a tournament: progress on the screen, shards on the disk, signals
+answered.
+"""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -37,7 +39,9 @@ class Grid:
         steps: NDArray[np.int32],
         asked: NDArray[np.bool_],
     ):
-        """`folder`, `context`: as in `cells`; `cause` NONE: not flown yet; `asked` [D, A]: the cells to be flown."""
+        """`folder`, `context`: as in `cells`; `cause` NONE: not flown yet; `asked` [D, A]: the
+        cells to be flown.
+        """
         self.cause, self.steps, self.asked = cause, steps, asked
         self._folder, self._context = folder, context
         self._pending: list[Pair] = []
@@ -58,7 +62,9 @@ class Grid:
         self._pending = []
 
 
-def fly(title: str, combat: Combat, sides: Sequence[Sequence[Player | None]], rules: Rules, grid: Grid) -> bool:
+def fly(
+    title: str, combat: Combat, sides: Sequence[Sequence[Player | None]], rules: Rules, grid: Grid
+) -> bool:
     """Fly all cells asked for that `grid` lacks, between players who are there.
 
     False where a signal came; then all is saved.
@@ -68,7 +74,10 @@ def fly(title: str, combat: Combat, sides: Sequence[Sequence[Player | None]], ru
     if not wanted.any():
         return True
     total, done = (int(cells.sum()) * rules.episodes for cells in (wanted, grid.asked & grid.flown))
-    with make_progress(title, done + total, done, unit="fights") as progress, _stopping(progress) as stop:
+    with (
+        make_progress(title, done + total, done, unit="fights") as progress,
+        _stopping(progress) as stop,
+    ):
         try:
             _fly(combat, sides, rules, wanted, grid, progress, stop)
         except jax.errors.JaxRuntimeError as error:
@@ -79,7 +88,9 @@ def fly(title: str, combat: Combat, sides: Sequence[Sequence[Player | None]], ru
         complete = bool(np.all(grid.flown[wanted]))
         if stop or not complete:
             fights = int((grid.asked & grid.flown).sum()) * rules.episodes
-            progress.message(f"stopped after {fights:,} of {done + total:,} fights; the same command goes on")
+            progress.message(
+                f"stopped after {fights:,} of {done + total:,} fights; the same command goes on"
+            )
     return complete and not stop  # a signal may have come after the last look at it
 
 
@@ -93,7 +104,9 @@ def _fly(
     stop: StopFlag,
 ) -> None:
     indices = [np.flatnonzero(wanted.any(axis=axis)).tolist() for axis in (1, 0)]
-    defenders, attackers = ([side[i] for i in chosen if side[i]] for side, chosen in zip(sides, indices, strict=True))
+    defenders, attackers = (
+        [side[i] for i in chosen if side[i]] for side, chosen in zip(sides, indices, strict=True)
+    )
     before, fights, saved = progress.last.steps, np.zeros(len(Cause), int), time.monotonic()
     harvests = play(
         combat,
@@ -106,7 +119,9 @@ def _fly(
     for harvest in harvests:
         for row, column, cause, steps in harvest.cells:
             players = defenders[row], attackers[column]
-            pair = Pair(*(player.identity for player in players if player), cause=cause, steps=steps)
+            pair = Pair(
+                *(player.identity for player in players if player), cause=cause, steps=steps
+            )
             grid.add(indices[0][row], indices[1][column], pair)
         fights += harvest.fights
         progress.update(_update(combat.config.game, before, fights))
@@ -118,7 +133,9 @@ def _fly(
 
 
 def _update(game: GameConfig, before: int, fights: NDArray) -> ProgressUpdate:
-    """What the display shows: all fights done, and shares of those flown in this session by `Cause` [C]."""
+    """What the display shows: all fights done, and shares of those flown in this session by `Cause`
+    [C].
+    """
     total = int(fights.sum())
     winner = np.asarray(outcome_table(game))
     share = lambda chosen: float(fights[chosen].sum() / total) if total else float("nan")
@@ -134,6 +151,8 @@ def _update(game: GameConfig, before: int, fights: NDArray) -> ProgressUpdate:
 
 @contextmanager
 def _stopping(progress: Progress) -> Iterator[StopFlag]:
-    announce = lambda name: progress.message(f"{name}: saving and stopping; once more to stop at once")
+    announce = lambda name: progress.message(
+        f"{name}: saving and stopping; once more to stop at once"
+    )
     with stop_signals(announce) as stop:
         yield stop

@@ -13,11 +13,15 @@ from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.rundir import RunDirectory
 
 WAYS = ("method", "preset", "run")
-NOT_THE_KIND = ("run.", "train.seed", "train.num_seeds", "train.total_steps")  # what may differ within one kind
+# what may differ within one kind
+NOT_THE_KIND = ("run.", "train.seed", "train.num_seeds", "train.total_steps")
 
 
 def read_configs(paths: Sequence[Path]) -> dict[str, Config]:
-    """The configuration of each run by its name. UserError for two of one name, or what cannot be read."""
+    """The configuration of each run by its name.
+
+    UserError for two of one name, or what cannot be read.
+    """
     configs: dict[str, Config] = {}
     for path in paths:
         run = RunDirectory(path)
@@ -25,7 +29,8 @@ def read_configs(paths: Sequence[Path]) -> dict[str, Config]:
             text = run.config.read_text()
         except (OSError, UnicodeDecodeError) as error:
             raise UserError(
-                f"{run.config}: cannot be read: {getattr(error, 'strerror', None) or error}", EXIT_DATA
+                f"{run.config}: cannot be read: {getattr(error, 'strerror', None) or error}",
+                EXIT_DATA,
             ) from None
         if run.name in configs:
             raise UserError(f"two runs are called {run.name}; a comparison needs a name for each")
@@ -34,14 +39,20 @@ def read_configs(paths: Sequence[Path]) -> dict[str, Config]:
 
 
 def group(configs: Mapping[str, Config], by: str) -> dict[str, str]:
-    """The kind of each run, by its name: `by` "method", "preset", "run", or a dotted setting. UserError otherwise."""
+    """The kind of each run, by its name: `by` "method", "preset", "run", or a dotted setting.
+    UserError otherwise.
+    """
     if by not in WAYS and by not in settings.SCHEMA:
-        raise UserError(f"--by {one_line(by)}: {settings.suggestion(by, [*WAYS, *settings.SCHEMA])}")
+        raise UserError(
+            f"--by {one_line(by)}: {settings.suggestion(by, [*WAYS, *settings.SCHEMA])}"
+        )
     return {run: _kind(run, config, by) for run, config in configs.items()}
 
 
 def other_differences(configs: Mapping[str, Config], by: str) -> list[str]:
-    """Settings besides `by` and the seeds in which the runs differ: whatever is found may be due to them."""
+    """Settings besides `by` and the seeds in which the runs differ: whatever is found may be due to
+    them.
+    """
     values = [flatten(config) for config in configs.values()]
     expected = ("run.", "train.seed", "train.num_seeds", "selfplay." if by == "method" else by)
     asked = ["train.total_steps"] if by in ("preset", "run") else list(settings.SCHEMA)
@@ -56,21 +67,30 @@ class Compared(NamedTuple):
     every: int = EVERY  # chunks between a run's attackers on the panel
 
 
-def as_compared(result: TournamentResult, about: Mapping[str, Any]) -> tuple[TournamentResult, Compared]:
-    """A tournament with the kinds and the panel of the `compare` that flew it, as its `about` has them."""
+def as_compared(
+    result: TournamentResult, about: Mapping[str, Any]
+) -> tuple[TournamentResult, Compared]:
+    """A tournament with the kinds and the panel of the `compare` that flew it, as its `about` has
+    them.
+    """
     if "methods" not in about:
         return result, Compared()
     return regroup(result, about["methods"]), Compared(str(about["by"]), int(about["panel_every"]))
 
 
 def regroup(result: TournamentResult, groups: Mapping[str, str]) -> TournamentResult:
-    """The same tournament with each entrant's method named by `groups`, run by run; pilots stay what they are."""
-    kind = lambda run: groups.get(run) or groups.get(run.rpartition("/")[0])  # of several seeds each is "run/seed"
+    """The same tournament with each entrant's method named by `groups`, run by run; pilots stay
+    what they are.
+    """
+    # of several seeds each is "run/seed"
+    kind = lambda run: groups.get(run) or groups.get(run.rpartition("/")[0])
     for _, one in showings([*result.defenders, *result.attackers]):
         if one.run and not kind(one.run):
             raise UserError(f"the tournament has a run that was not given: {one.run}", EXIT_DATA)
     named = lambda one: one._replace(method=kind(one.run)) if one.run else one
-    rename = lambda side: tuple(named(one)._replace(also=tuple(map(named, one.also))) for one in side)
+    rename = lambda side: tuple(
+        named(one)._replace(also=tuple(map(named, one.also))) for one in side
+    )
     return result._replace(defenders=rename(result.defenders), attackers=rename(result.attackers))
 
 

@@ -1,6 +1,8 @@
-"""The result of a tournament as files: `result.npz` holds all of it, `result.json` tells people what it is about.
+"""The result of a tournament as files: `result.npz` holds all of it, `result.json` tells people
+what it is about.
 
-    counts [D, A, C], cause [D, A, E], steps [D, A, E], played [D, A], winner [C], control_dt, about (the JSON)
+    counts [D, A, C], cause [D, A, E], steps [D, A, E], played [D, A], winner [C], control_dt, about
+    (the JSON)
 
 Needs no JAX and no tournament folder: a result file may be sent to somebody else.
 """
@@ -26,13 +28,22 @@ ABOUT_NAME = "result.json"
 
 
 def save_result(folder: Path, result: TournamentResult, about: dict[str, Any]) -> None:
-    """Write both files into `folder`; equal results give equal bytes. `about`: plain JSON beside the entrants."""
+    """Write both files into `folder`; equal results give equal bytes. `about`: plain JSON beside
+    the entrants.
+    """
     told = {
         "format": FORMAT,
         **about,
         "control_dt": result.control_dt,
-        "winner": {cause.name.lower(): Outcome(result.winner[cause]).name.lower() for cause in Cause if cause},
-        **{f"{role}s": [_told(one) for one in side] for role, side in zip(ROLES, _sides(result), strict=True)},
+        "winner": {
+            cause.name.lower(): Outcome(result.winner[cause]).name.lower()
+            for cause in Cause
+            if cause
+        },
+        **{
+            f"{role}s": [_told(one) for one in side]
+            for role, side in zip(ROLES, _sides(result), strict=True)
+        },
     }
     text = json.dumps(told, indent=1, allow_nan=False) + "\n"
     buffer = io.BytesIO()
@@ -51,7 +62,10 @@ def save_result(folder: Path, result: TournamentResult, about: dict[str, Any]) -
 
 
 def load_result(path: Path | str) -> TournamentResult:
-    """The result in a tournament's folder, or in a result file. UserError 3 where it is missing or damaged."""
+    """The result in a tournament's folder, or in a result file.
+
+    UserError 3 where it is missing or damaged.
+    """
     return _read(path)[0]
 
 
@@ -61,9 +75,13 @@ def load_about(path: Path | str) -> dict[str, Any]:
 
 
 def find_tournament(word: str, root: str = "tournaments") -> Path:
-    """A tournament's folder or result file: given by its path, or by its name in `root`. UserError 2 and 3."""
+    """A tournament's folder or result file: given by its path, or by its name in `root`. UserError
+    2 and 3.
+    """
     if not word:
-        raise UserError(f"TOURNAMENT is missing: a folder, a result file, or a name in {root}/", EXIT_CONFIG)
+        raise UserError(
+            f"TOURNAMENT is missing: a folder, a result file, or a name in {root}/", EXIT_CONFIG
+        )
     for path in (Path(word), Path(root, word)):
         if path.exists():
             return path
@@ -79,7 +97,9 @@ def _read(path: Path | str) -> tuple[TournamentResult, dict[str, Any]]:
         with np.load(file, allow_pickle=False) as stored:
             about = json.loads(stored["about"].tobytes())
             if about["format"] > FORMAT:
-                raise UserError(f"{name} has format {about['format']}: upgrade dronecombat-jax", EXIT_DATA)
+                raise UserError(
+                    f"{name} has format {about['format']}: upgrade dronecombat-jax", EXIT_DATA
+                )
             winner = [Outcome(int(one)) for one in stored["winner"]]
             defenders, attackers = ([_entrant(one) for one in about[f"{role}s"]] for role in ROLES)
             arrays = {part: stored[part] for part in ("cause", "steps", "played", "counts")}
@@ -88,8 +108,18 @@ def _read(path: Path | str) -> tuple[TournamentResult, dict[str, Any]]:
         raise UserError(f"{name}: no result of a tournament; is it complete?", EXIT_DATA) from None
     except OSError as error:
         raise UserError(f"{name}: cannot be read: {error.strerror or error}", EXIT_DATA) from None
-    except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, RecursionError) as error:
-        raise UserError(f"{name}: damaged or no result: {one_line(str(error))}", EXIT_DATA) from None
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        EOFError,
+        zipfile.BadZipFile,
+        RecursionError,
+    ) as error:
+        raise UserError(
+            f"{name}: damaged or no result: {one_line(str(error))}", EXIT_DATA
+        ) from None
     result = tournament_result(
         arrays["cause"], arrays["steps"], winner, defenders, attackers, control_dt, arrays["played"]
     )

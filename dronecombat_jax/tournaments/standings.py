@@ -17,7 +17,9 @@ def standings_text(result: TournamentResult, top: int = TOP) -> str:
     ratings = bradley_terry(wins, losses, draws)
     rate = score_rate(result)
     played = result.played
-    average = lambda axis: np.where(played, rate, 0.0).sum(axis=axis) / np.maximum(played.sum(axis=axis), 1)
+    average = lambda axis: (
+        np.where(played, rate, 0.0).sum(axis=axis) / np.maximum(played.sum(axis=axis), 1)
+    )
     mean = np.concatenate([average(1), 1.0 - average(0)])
     lines = [f"Bradley-Terry ratings ({GAUGE}):"]
     first = 0
@@ -26,16 +28,23 @@ def standings_text(result: TournamentResult, top: int = TOP) -> str:
         players = players[ratings.design.games[players] > 0]
         best = players[np.argsort(-ratings.rating[players], kind="stable")][:top]
         lines.append(f"  {ROLES[role]:<28} rating  +-    95 % interval    score   fights")
-        lines += [f"  {_row(ratings, side[player - first], player, float(mean[player]))}" for player in best]
+        lines += [
+            f"  {_row(ratings, side[player - first], player, float(mean[player]))}"
+            for player in best
+        ]
         lines += [f"  ... and {len(players) - len(best)} more"] * (len(players) > len(best))
         first += len(side)
     if len(np.unique(ratings.design.component[ratings.design.games > 0])) > 1:
-        lines.append("not all players are linked by fights: ratings of unlinked groups cannot be compared")
+        lines.append(
+            "not all players are linked by fights: ratings of unlinked groups cannot be compared"
+        )
     return "\n".join(lines)
 
 
 def _row(ratings: Ratings, entrant: Entrant, player: int, score: float) -> str:
-    bound = {OPEN_ABOVE: "  open above", OPEN_BELOW: "  open below"}.get(int(ratings.design.bound[player]), "")
+    bound = {OPEN_ABOVE: "  open above", OPEN_BELOW: "  open below"}.get(
+        int(ratings.design.bound[player]), ""
+    )
     bound = {1.0: "  never beaten", 0.0: "  never won"}.get(score, bound)
     interval = f"[{ratings.low[player]:.0f}, {ratings.high[player]:.0f}]"
     return (

@@ -4,7 +4,8 @@
     tournaments/<name>/result.npz    all of it once complete (`result_file`), and result.json
     tournaments/<name>/flights.json  how they fly, where fights are recorded (`flights`)
 
-Killed or stopped it goes on with the same command; with more checkpoints it flies the new cells alone.
+Killed or stopped it goes on with the same command; with more checkpoints it flies the new cells
+alone.
 """
 
 import re
@@ -39,7 +40,8 @@ from dronecombat_jax.tournaments.standings import standings_text
 from dronecombat_jax.types import ATTACKER, DEFENDER
 
 CELLS_NAME = "cells"
-Cells = Callable[[Sequence[Entrant], Sequence[Entrant]], NDArray[np.bool_]]  # of both sides: [D, A], which to fly
+# of both sides: [D, A], which to fly
+Cells = Callable[[Sequence[Entrant], Sequence[Entrant]], NDArray[np.bool_]]
 
 
 def tournament(
@@ -59,12 +61,13 @@ def tournament(
 ) -> int:
     """Fly, or go on with, the tournament of everybody whom `words` name; returns an exit code.
 
-    Of runs `every` n-th chunk and the last take part, and with `untrained` also whom they began with. `cells` chooses
-    the cells to be flown (default: all); what was flown before is part of the result in any case. `told`: plain JSON
-    for `result.json`, too. `flights`: how many fights of each run's two sides of one chunk are recorded.
-    `mjcf`: the file of the drone or scene to fly, instead of where their runs left it.
-    0: complete; 5: complete but for players who could not be read (`skip_bad`); 75: stopped by a signal and saved.
-    Raises UserError: 2 and 3 as `read_field`, 73 where the folder cannot be written.
+    Of runs `every` n-th chunk and the last take part, and with `untrained` also whom they began
+    with. `cells` chooses the cells to be flown (default: all); what was flown before is part of the
+    result in any case. `told`: plain JSON for `result.json`, too. `flights`: how many fights of
+    each run's two sides of one chunk are recorded. `mjcf`: the file of the drone or scene to fly,
+    instead of where their runs left it. 0: complete; 5: complete but for players who could not be
+    read (`skip_bad`); 75: stopped by a signal and saved. Raises UserError: 2 and 3 as `read_field`,
+    73 where the folder cannot be written.
     """
     path = run_path(root, name or default_name(words))
     print("reading and verifying everybody ...", flush=True)
@@ -82,7 +85,9 @@ def tournament(
     with _claim(path) as folder:
         context = context_of(met, rules)
         identities = [[entrant.identity for entrant in side] for side in (defenders, attackers)]
-        cause, steps = read_cells(folder / CELLS_NAME, context, *identities, episodes=rules.episodes)
+        cause, steps = read_cells(
+            folder / CELLS_NAME, context, *identities, episodes=rules.episodes
+        )
         asked = np.ones(cause.shape[:2], bool) if cells is None else cells(defenders, attackers)
         grid = Grid(folder / CELLS_NAME, context, cause, steps, asked)
         _greet(folder, field, rules, grid)
@@ -90,21 +95,36 @@ def tournament(
         if not fly(folder.name, combat, players, rules, grid):
             return EXIT_STOPPED
         if flights:
-            print(f"recording {flights} fights of each run's two sides of one chunk ...", flush=True)
+            print(
+                f"recording {flights} fights of each run's two sides of one chunk ...", flush=True
+            )
             sides = players[DEFENDER], players[ATTACKER]
-            save_flights(folder, record_flights(combat, (defenders, attackers), sides, rules, flights))
+            save_flights(
+                folder, record_flights(combat, (defenders, attackers), sides, rules, flights)
+            )
         winner, control_dt = outcome_table(field.config.game), field.config.control_dt
         result = tournament_result(grid.cause, grid.steps, winner, defenders, attackers, control_dt)
-        save_result(folder, result, {**_about(field, met, context, result, grid.asked), **(told or {})})
+        save_result(
+            folder, result, {**_about(field, met, context, result, grid.asked), **(told or {})}
+        )
         _conclude(folder, result, grid.asked)
     return EXIT_TOURNAMENT if field.bad else 0
 
 
 def default_name(words: Sequence[str]) -> str:
-    """A folder's name made of those of the runs and files, or of the scripted pilots where there are no others."""
-    trained = [Path(word).resolve().name.removesuffix(POLICY_SUFFIX) for word in words if not _scripted(word)]
+    """A folder's name made of those of the runs and files, or of the scripted pilots where there
+    are no others.
+    """
+    trained = [
+        Path(word).resolve().name.removesuffix(POLICY_SUFFIX)
+        for word in words
+        if not _scripted(word)
+    ]
     names = trained or [word.removeprefix(SCRIPTED_PREFIX) for word in words]
-    return re.sub(r"[^A-Za-z0-9._-]", "-", "-".join(dict.fromkeys(names)))[:100].lstrip(".") or "tournament"
+    return (
+        re.sub(r"[^A-Za-z0-9._-]", "-", "-".join(dict.fromkeys(names)))[:100].lstrip(".")
+        or "tournament"
+    )
 
 
 def context_of(met: dict[str, Any], rules: Rules) -> dict[str, Any]:
@@ -133,7 +153,10 @@ def _claim(folder: Path) -> Iterator[Path]:
 
 def _greet(folder: Path, field: Field, rules: Rules, grid: Grid) -> None:
     print("\n".join(backend.banner()))
-    for line in (*(f"note: {notice}" for notice in field.notices), *(f"skipped: {line}" for line in field.bad)):
+    for line in (
+        *(f"note: {notice}" for notice in field.notices),
+        *(f"skipped: {line}" for line in field.bad),
+    ):
         print(printable(line))
     defenders, attackers, episodes = grid.cause.shape
     drawn = ", drawn actions" if rules.stochastic else ""
@@ -141,7 +164,11 @@ def _greet(folder: Path, field: Field, rules: Rules, grid: Grid) -> None:
     done = int((grid.flown & grid.asked).sum()) * episodes
     before = f"; {done:,} were flown before" if done else ""
     shape = f"{defenders} defenders x {attackers} attackers"
-    part = f"{shape} x {episodes}" if grid.asked.all() else f"{shape}, {cells:,} of these pairs x {episodes}"
+    part = (
+        f"{shape} x {episodes}"
+        if grid.asked.all()
+        else f"{shape}, {cells:,} of these pairs x {episodes}"
+    )
     print(f"tournament {folder}: {part} = {cells * episodes:,} fights{drawn}{before}", flush=True)
 
 
@@ -168,7 +195,11 @@ def _about(
 def _part(result: TournamentResult, asked: NDArray) -> list[str]:
     """What is to be said where not all cells were to be flown."""
     left = int((~result.played & ~asked).sum())
-    return [f"{left:,} of {asked.size:,} cells were left out on purpose: no comparison needs them"] if left else []
+    return (
+        [f"{left:,} of {asked.size:,} cells were left out on purpose: no comparison needs them"]
+        if left
+        else []
+    )
 
 
 def _conclude(folder: Path, result: TournamentResult, asked: NDArray) -> None:

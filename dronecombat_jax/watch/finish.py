@@ -1,4 +1,6 @@
-"""What a finished run leaves for a person: learning curves, an evaluation, a picture and a video of a fight."""
+"""What a finished run leaves for a person: learning curves, an evaluation, a picture and a video of
+a fight.
+"""
 
 from pathlib import Path
 
@@ -21,7 +23,10 @@ EVOLUTION = "dronecombat replay --evolution"
 
 
 def finish(config: Config) -> None:
-    """Draw, evaluate and film the run that `config.run` names. What cannot be drawn is said in one line."""
+    """Draw, evaluate and film the run that `config.run` names.
+
+    What cannot be drawn is said in one line.
+    """
     run = RunDirectory(Path(config.run.directory) / config.run.name)
     if not run.path.is_dir():
         print(f"{run.path} has gone: no figures and no evaluation", flush=True)
@@ -49,7 +54,10 @@ def finish(config: Config) -> None:
             print(f"a fight: {run.figures / 'fight.png'} and {run.video}", flush=True)
     if config.run.replay:
         write_replay(run.path)
-        print(f"replay: {run.replay} (open it in a browser; over the training: {EVOLUTION} {run.path})", flush=True)
+        print(
+            f"replay: {run.replay} (open it in a browser; over the training: {EVOLUTION} {run.path})",
+            flush=True,
+        )
 
 
 def _draw_curves(run: RunDirectory) -> None:
@@ -82,7 +90,9 @@ def _is_finished(run: RunDirectory, config: Config) -> bool:
 
 
 def typical_fight(run: SavedRun, seed_index: int) -> Trajectory:
-    """The fight of median length among those that ended in the most frequent way; strikes come first."""
+    """The fight of median length among those that ended in the most frequent way; strikes come
+    first.
+    """
     fights = record_fights(run, seed_index)
     cause, steps = np.asarray(fights.result.cause), np.asarray(fights.result.steps)
     struck = np.isin(cause, (Cause.INTERCEPT, Cause.REACHED))
@@ -92,7 +102,9 @@ def typical_fight(run: SavedRun, seed_index: int) -> Trajectory:
     return trajectory(run.combat, fights, int(pool[np.argsort(steps[pool])[len(pool) // 2]]))
 
 
-def record_fights(run: SavedRun, seed_index: int, fights: int = RECORDED_FIGHTS, seed: int = 0) -> FightRecord:
+def record_fights(
+    run: SavedRun, seed_index: int, fights: int = RECORDED_FIGHTS, seed: int = 0
+) -> FightRecord:
     """Record fights of one seed's policies flying their mean actions; NumPy leaves."""
 
     def match(defender: Policy, attacker: Policy, key: jax.Array) -> FightRecord:

@@ -61,7 +61,9 @@ def recorder(combat: Combat, filming: Filming) -> Record:
 
     def call(defender: Flyer, attacker: Flyer) -> list[Trajectory]:
         both = (defender, attacker)
-        kinds = tuple(flyer.pilot if isinstance(flyer.pilot, str) else flyer.learn for flyer in both)
+        kinds = tuple(
+            flyer.pilot if isinstance(flyer.pilot, str) else flyer.learn for flyer in both
+        )
         pilots = tuple(None if isinstance(flyer.pilot, str) else flyer.pilot for flyer in both)
         words = np.concatenate([content_words(flyer.identity) for flyer in both])
         fights = _joined(jax.device_get(fly(kinds, pilots, words)))

@@ -1,4 +1,6 @@
-"""The brax view: what it shows is the game's own step, how fights end and begin in it, and brax learns through it."""
+"""The brax view: what it shows is the game's own step, how fights end and begin in it, and brax
+learns through it.
+"""
 
 import functools
 from dataclasses import replace
@@ -8,9 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from toy import UNOPTIMISED, Coasting
+from toy import UNOPTIMISED
 
-from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.machine import backend
 from dronecombat_jax.types import ATTACKER, DEFENDER, EnvState
@@ -19,31 +20,9 @@ backend.import_mjx()  # brax imports it, and lets it print to stdout
 
 from brax.envs.base import Env, State  # noqa: E402
 from brax.envs.wrappers.training import AutoResetWrapper, EpisodeWrapper, EvalWrapper, VmapWrapper  # noqa: E402
-from brax.training.agents.ppo import networks as ppo_networks  # noqa: E402
-from brax.training.agents.ppo import train as ppo  # noqa: E402
-from brax.training.agents.sac import networks as sac_networks  # noqa: E402
-from brax.training.agents.sac import train as sac  # noqa: E402
+from brax_views import HOLD, LENGTH, SIZE, make, wander  # noqa: E402
 
-from dronecombat_jax.adapters.brax_env import CombatEnv, mend_brax, wrap  # noqa: E402
-
-SIZE = 8  # fights side by side
-LENGTH = 20  # control steps until time-out
-HOLD = jnp.asarray([0.5, 0.0, 0.0, 0.0])  # a drone that coasts keeps its velocity
-
-
-def hold(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
-    return jnp.tile(HOLD, (state.clock.shape[0], 1))
-
-
-def wander(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
-    """Depends on all it is given."""
-    return 0.3 * jax.random.normal(key, (state.clock.shape[0], 4)) + 0.01 * (
-        state.qpos[:, :4] + observation[:, 0, 7:11]
-    )
-
-
-def make(role: int = ATTACKER, opponent=hold, **game) -> CombatEnv:
-    return CombatEnv(Coasting(Config(game=GameConfig(**{"episode_steps": LENGTH} | game))), role, opponent)
+from dronecombat_jax.adapters.brax_env import wrap  # noqa: E402
 
 
 def keys(seed: int = 0) -> jax.Array:
@@ -51,7 +30,9 @@ def keys(seed: int = 0) -> jax.Array:
 
 
 def jitted(env: Env, traces: list | None = None) -> SimpleNamespace:
-    """`reset(keys)` and `step(state, action)` of wrapped environments, compiled without optimisation."""
+    """`reset(keys)` and `step(state, action)` of wrapped environments, compiled without
+    optimisation.
+    """
 
     def step(state: State, action: jax.Array) -> State:
         if traces is not None:
@@ -102,10 +83,17 @@ def test_a_key_of_either_style_gives_the_same_fight():
 
 @pytest.mark.parametrize("wrapper", [wrap, functools.partial(wrap, mask_time_outs=False)])
 def test_wrapped_fights_begin_and_go_on_alike_from_keys_of_either_style(wrapper):
-    batch, typed = jitted(EvalWrapper(wrapper(make(), LENGTH))), jax.random.split(jax.random.key(0), SIZE)
-    flown = [batch.step(batch.reset(style), ACTION) for style in (typed, jax.random.key_data(typed))]
+    batch, typed = (
+        jitted(EvalWrapper(wrapper(make(), LENGTH))),
+        jax.random.split(jax.random.key(0), SIZE),
+    )
+    flown = [
+        batch.step(batch.reset(style), ACTION) for style in (typed, jax.random.key_data(typed))
+    ]
     jax.tree.map(np.testing.assert_array_equal, *flown)
-    assert flown[0].info["steps"].tolist() == [1.0] * SIZE and flown[0].info["truncation"].shape == (SIZE,)
+    assert flown[0].info["steps"].tolist() == [1.0] * SIZE and flown[0].info[
+        "truncation"
+    ].shape == (SIZE,)
 
 
 def test_one_fight_in_braxs_own_wrappers_takes_keys_of_either_style():
@@ -126,7 +114,8 @@ def test_a_step_is_the_games_own_for_that_role(role: int, observation: str):
         action = random.normal(size=(SIZE, 4)).astype(np.float32)
         both = np.zeros((SIZE, 2, 4), np.float32)
         both[:, role] = action
-        for i in range(SIZE):  # the opponent, one fight after the other, by the key that the environment says
+        for i in range(SIZE):
+            # the opponent, one fight after the other, by the key that the environment says
             fight = jax.tree.map(lambda leaf, i=i: leaf[i : i + 1], state.pipeline_state)
             key = jax.random.split(jax.random.wrap_key_data(state.info["key"][i]))[1]
             both[i, 1 - role] = wander(fight, jax.vmap(combat.observe)(fight), key)[0]
@@ -146,7 +135,9 @@ def test_the_opponents_draws_differ_between_steps_and_fights():
     drawn = lambda state, observation, key: jax.random.normal(key, (1, 4))
     batch = jitted(VmapWrapper(make(opponent=drawn)))
     first = batch.step(batch.reset(keys()), ACTION)
-    pushes = np.stack([first.pipeline_state.qvel, batch.step(first, ACTION).pipeline_state.qvel])[:, :, 0]
+    pushes = np.stack([first.pipeline_state.qvel, batch.step(first, ACTION).pipeline_state.qvel])[
+        :, :, 0
+    ]
     pushes[1] -= pushes[0]
     assert len(np.unique(pushes)) == 2 * SIZE
 
@@ -162,9 +153,13 @@ def test_time_running_out_truncates(wrapped: SimpleNamespace):
 
 @pytest.mark.parametrize(("drone", "outcome"), [(slice(7, 10), "win"), (slice(0, 3), "loss")])
 def test_a_decision_terminates(wrapped: SimpleNamespace, drone: slice, outcome: str):
-    """The attacker stands in the target, or the defender in the attacker; on the last step, when time runs out too."""
+    """The attacker stands in the target, or the defender in the attacker; on the last step, when
+    time runs out too.
+    """
     state = wrapped.reset(keys())
-    there = state.pipeline_state.target[3] if outcome == "win" else state.pipeline_state.qpos[3, 7:10]
+    there = (
+        state.pipeline_state.target[3] if outcome == "win" else state.pipeline_state.qpos[3, 7:10]
+    )
     qpos = state.pipeline_state.qpos[3].at[drone].set(there)
     state = wrapped.step(place(state, 3, qpos=qpos, clock=LENGTH - 1), ACTION)
     np.testing.assert_array_equal(state.done, ~OTHERS)
@@ -192,11 +187,17 @@ def test_a_time_out_to_bootstrap_from_is_not_masked():
 def test_an_episode_length_below_the_games_truncates():
     batch = jitted(wrap(make(), 1))
     state = batch.step(batch.reset(keys()), ACTION)
-    assert np.all(state.done == 1) and np.all(state.info["truncation"] == 1) and not np.any(state.info["time_out"])
+    assert (
+        np.all(state.done == 1)
+        and np.all(state.info["truncation"] == 1)
+        and not np.any(state.info["time_out"])
+    )
     assert np.all(state.pipeline_state.clock == 0)
 
 
-def test_an_end_is_followed_by_a_fresh_start_and_keeps_its_final_observation(wrapped: SimpleNamespace):
+def test_an_end_is_followed_by_a_fresh_start_and_keeps_its_final_observation(
+    wrapped: SimpleNamespace,
+):
     game_step = jax.jit(jax.vmap(make().combat.step), compiler_options=UNOPTIMISED)
     start = wrapped.reset(keys())
     state, starts = start, []
@@ -204,16 +205,25 @@ def test_an_end_is_followed_by_a_fresh_start_and_keeps_its_final_observation(wra
         before = place(state, 3, clock=LENGTH - 1)
         state = wrapped.step(before, ACTION)
         flown_to, flown = game_step(before.pipeline_state, jnp.stack([ACTION, ACTION], axis=1))
-        np.testing.assert_allclose(state.info["final_observation"], flown.observation[:, ATTACKER], atol=1e-5)
-        np.testing.assert_allclose(state.obs[OTHERS], flown.observation[OTHERS, ATTACKER], atol=1e-5)
-        np.testing.assert_array_equal(state.pipeline_state.clock, np.where(OTHERS, flown_to.clock, 0))
+        np.testing.assert_allclose(
+            state.info["final_observation"], flown.observation[:, ATTACKER], atol=1e-5
+        )
+        np.testing.assert_allclose(
+            state.obs[OTHERS], flown.observation[OTHERS, ATTACKER], atol=1e-5
+        )
+        np.testing.assert_array_equal(
+            state.pipeline_state.clock, np.where(OTHERS, flown_to.clock, 0)
+        )
         # The positions of eq. 5: p_d, p_a, p_t.
         places = np.stack([state.obs[3, 0:3], state.obs[3, 7:10], state.obs[3, 14:17]])
         np.testing.assert_array_equal(places[:, :2], [[0, 5], [0, 0], [5, 5]])
         starts.append(tuple(places[:, 2]))
     first = start.obs[:, [2, 9, 16]]
-    assert len({*starts, *map(tuple, np.asarray(first))}) == SIZE + 3  # brax's own wrapper starts where it first did
-    assert np.asarray(wrapped.step(state, ACTION).info["steps"]).tolist() == [1 if i == 3 else 4 for i in range(SIZE)]
+    # brax's own wrapper starts where it first did
+    assert len({*starts, *map(tuple, np.asarray(first))}) == SIZE + 3
+    assert np.asarray(wrapped.step(state, ACTION).info["steps"]).tolist() == [
+        1 if i == 3 else 4 for i in range(SIZE)
+    ]
 
 
 def test_steps_are_traced_once(wrapped: SimpleNamespace):
@@ -228,7 +238,9 @@ def test_alone_the_attacker_meets_nobody():
     batch = jitted(wrap(env, LENGTH))
     state = batch.reset(keys())
     caught = state.pipeline_state.qpos.at[:, :3].set(state.pipeline_state.qpos[:, 7:10])
-    after = batch.step(replace(state, pipeline_state=state.pipeline_state.replace(qpos=caught)), ACTION)
+    after = batch.step(
+        replace(state, pipeline_state=state.pipeline_state.replace(qpos=caught)), ACTION
+    )
     assert not np.any(after.done)
     np.testing.assert_array_equal(after.pipeline_state.qpos[:, :3], caught[:, :3])
 
@@ -249,50 +261,3 @@ def test_what_cannot_be_is_one_line(wrong, words: str):
     with pytest.raises(UserError, match=words) as caught:
         wrong()
     assert "\n" not in caught.value.message
-
-
-def test_mended_jax_replicates_over_devices():
-    mend_brax()
-    devices = jax.local_devices()
-    tree = {"a": np.arange(3.0), "b": 2}
-    replicated = jax.device_put_replicated(tree, devices)  # pyright: ignore
-    for name, leaf in tree.items():
-        np.testing.assert_array_equal(replicated[name], np.stack([leaf] * len(devices)))
-    before = jax.device_put_replicated  # pyright: ignore
-    mend_brax()
-    assert jax.device_put_replicated is before  # pyright: ignore
-
-
-def test_braxs_ppo_learns_through_it():
-    mend_brax()
-    networks = functools.partial(
-        ppo_networks.make_ppo_networks, policy_hidden_layer_sizes=(8, 8), value_hidden_layer_sizes=(8, 8)
-    )
-    seen = []
-    _, (scaler, policy, value), metrics = ppo.train(
-        make(ATTACKER, wander), num_timesteps=300, episode_length=LENGTH, wrap_env_fn=wrap, num_envs=SIZE,
-        unroll_length=6, batch_size=SIZE, num_minibatches=2, num_updates_per_batch=2, num_eval_envs=SIZE,
-        network_factory=networks, normalize_observations=True,
-        policy_params_fn=lambda step, _, params: seen.append((step, params)),
-    )  # fmt: skip
-    assert [step for step, _ in seen] == [0, 384]  # 4 rollouts of 2 x 8 fights and 6 steps
-    assert int(scaler.count) == 384
-    _, *before = seen[0][1]
-    for after, untrained in zip((policy, value), before, strict=True):
-        assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(after))
-        moved = jax.tree.map(lambda a, b: bool(np.any(a != b)), after, untrained)
-        assert all(jax.tree.leaves(moved))
-    assert sum(metrics[f"eval/episode_{end}"] for end in ("win", "draw", "loss")) == pytest.approx(1.0)
-    assert 1 <= metrics["eval/avg_episode_length"] <= LENGTH
-
-
-@pytest.mark.slow
-def test_braxs_sac_learns_through_it():
-    mend_brax()
-    networks = functools.partial(sac_networks.make_sac_networks, hidden_layer_sizes=(8, 8))
-    _, _, metrics = sac.train(
-        make(ATTACKER, wander), num_timesteps=512, episode_length=LENGTH, wrap_env_fn=wrap, num_envs=SIZE, batch_size=8,
-        min_replay_size=64, num_eval_envs=SIZE, network_factory=networks,
-    )  # fmt: skip
-    assert np.isfinite(metrics["training/critic_loss"]) and metrics["training/buffer_current_size"] > 64
-    assert sum(metrics[f"eval/episode_{end}"] for end in ("win", "draw", "loss")) == pytest.approx(1.0)

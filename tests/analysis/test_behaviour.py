@@ -32,23 +32,32 @@ def test_an_entrant_that_never_played_has_no_endings():
 
 
 def record(defender, attacker, velocities, steps):
-    """One fight of drones at the given positions [T + 1, 3] with the same final velocities [2, 3] throughout."""
+    """One fight of drones at the given positions [T + 1, 3] with the same final velocities [2, 3]
+    throughout.
+    """
     qpos = np.zeros((len(defender), 1, 14))
     qpos[:, 0, :3], qpos[:, 0, 7:10] = defender, attacker
-    qvel = np.tile(np.concatenate([[*one, 9, 9, 9] for one in velocities]), (len(defender) - 1, 1, 1))
+    qvel = np.tile(
+        np.concatenate([[*one, 9, 9, 9] for one in velocities]), (len(defender) - 1, 1, 1)
+    )
     action = np.full((len(defender) - 1, 1, 2, 4), 0.5)
     action[steps:] = 1.0  # after the end: must not count
     start = EnvState(qpos=qpos[0], qvel=qvel[0], target=None, clock=None, out=None)
-    return FightRecord(qpos[1:], qvel, action, start, FightResult(np.array([1]), np.array([steps]), None))
+    return FightRecord(
+        qpos[1:], qvel, action, start, FightResult(np.array([1]), np.array([steps]), None)
+    )
 
 
 def test_a_flight_described_by_hand():
-    # The defender flies an L, 3 m east and 4 m north, in two steps, then its last state repeats; the attacker waits at
-    # (3, 10, 2) with a velocity of 1 m/s towards it. So 5 m lie between the defender's ends and 7 m were flown, 6 m lie
-    # between the drones and shrink by 2 + 1 m/s, and the velocities are opposite.
+    # The defender flies an L, 3 m east and 4 m north, in two steps, then its last state repeats;
+    # the attacker waits at (3, 10, 2) with a velocity of 1 m/s towards it. So 5 m lie between the
+    # defender's ends and 7 m were flown, 6 m lie between the drones and shrink by 2 + 1 m/s, and
+    # the velocities are opposite.
     defender = [[0, 0, 1], [3, 0, 2], [3, 4, 2], [3, 4, 2]]
     attacker = [[3, 10, 2]] * 4
-    told = flight(record(np.array(defender), np.array(attacker), [[0, 2, 0], [0, -1, 0]], steps=2), CONTROL_DT)
+    told = flight(
+        record(np.array(defender), np.array(attacker), [[0, 2, 0], [0, -1, 0]], steps=2), CONTROL_DT
+    )
     assert told.time.tolist() == [2 * CONTROL_DT]
     np.testing.assert_allclose(told.closing_speed, [3.0])
     np.testing.assert_allclose(told.approach_angle, [np.pi])

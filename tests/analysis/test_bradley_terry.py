@@ -1,4 +1,6 @@
-"""Bradley-Terry and Davidson: against other implementations, planted truths, and where the data say too little."""
+"""Bradley-Terry and Davidson: against other implementations, planted truths, and where the data say
+too little.
+"""
 
 import choix
 import evalica
@@ -14,7 +16,9 @@ STRENGTH = np.random.default_rng(1).normal(size=sum(SIZE))
 RATE = bradley_terry_rates(STRENGTH[: SIZE[0]], STRENGTH[SIZE[0] :])
 WINS = np.random.default_rng(2).binomial(20, RATE)
 NOTHING = np.zeros(SIZE, int)
-TRINOMIAL = np.random.default_rng(3).multinomial(20, np.stack([RATE * 0.7, 0.3 + 0 * RATE, 0.7 - RATE * 0.7], -1))
+TRINOMIAL = np.random.default_rng(3).multinomial(
+    20, np.stack([RATE * 0.7, 0.3 + 0 * RATE, 0.7 - RATE * 0.7], -1)
+)
 
 
 def strengths(ratings):
@@ -29,7 +33,12 @@ def pairs(wins, losses):
 
 def evalica_fights(wins, draws, losses):
     kinds = ((wins, evalica.Winner.X), (draws, evalica.Winner.Draw), (losses, evalica.Winner.Y))
-    fights = [(i, SIZE[0] + j, how) for i, j in np.ndindex(*SIZE) for n, how in kinds for _ in range(int(n[i, j]))]
+    fights = [
+        (i, SIZE[0] + j, how)
+        for i, j in np.ndindex(*SIZE)
+        for n, how in kinds
+        for _ in range(int(n[i, j]))
+    ]
     return [list(column) for column in zip(*fights, strict=True)]
 
 
@@ -53,22 +62,28 @@ def test_the_prior_agrees_with_choix():
 
 def test_draws_as_halves_agree_with_evalica():
     wins, draws, losses = np.moveaxis(TRINOMIAL, -1, 0)
-    theirs = evalica.bradley_terry(*evalica_fights(wins, draws, losses), tolerance=1e-15, limit=10**5)
+    theirs = evalica.bradley_terry(
+        *evalica_fights(wins, draws, losses), tolerance=1e-15, limit=10**5
+    )
     ours = bradley_terry(wins, losses, draws, prior_sd=None)
-    np.testing.assert_allclose(strengths(ours), centred(np.log(theirs.scores.sort_index())), atol=1e-12)
+    np.testing.assert_allclose(
+        strengths(ours), centred(np.log(theirs.scores.sort_index())), atol=1e-12
+    )
 
 
 def test_davidson_agrees_with_evalicas_newman_with_nu_twice_its_v():
     wins, draws, losses = np.moveaxis(TRINOMIAL, -1, 0)
     theirs = evalica.newman(*evalica_fights(wins, draws, losses), tolerance=1e-15, limit=10**5)
     ours = davidson(wins, losses, draws, prior_sd=None)
-    np.testing.assert_allclose(strengths(ours), centred(np.log(theirs.scores.sort_index())), atol=1e-12)
+    np.testing.assert_allclose(
+        strengths(ours), centred(np.log(theirs.scores.sort_index())), atol=1e-12
+    )
     assert ours.draw == pytest.approx(2 * theirs.v, abs=1e-12)
 
 
 def test_one_pair_worked_by_hand():
-    # 3 wins and 1 loss: x = log 3, so 190.85 points apart. Information 4 * 3/4 * 1/4 = 0.75: variance of x is 4/3, and
-    # of each strength, half of x, 1/3: 0.57735 * 173.718 = 100.30 points.
+    # 3 wins and 1 loss: x = log 3, so 190.85 points apart. Information 4 * 3/4 * 1/4 = 0.75:
+    # variance of x is 4/3, and of each strength, half of x, 1/3: 0.57735 * 173.718 = 100.30 points.
     ratings = bradley_terry(np.array([[3]]), np.array([[1]]), np.array([[0]]), prior_sd=None)
     np.testing.assert_allclose(ratings.rating, [1595.424, 1404.576], atol=1e-3)
     np.testing.assert_allclose(ratings.error, 100.296, atol=1e-3)
@@ -84,7 +99,9 @@ def test_95_percent_intervals_cover_the_planted_truth(model):
         x = strength[:7, None] - strength[None, 7:]
         if model == "davidson":
             weight = np.stack([np.exp(x / 2), 0.8 + 0 * x, np.exp(-x / 2)], -1)
-            wins, draws, losses = np.moveaxis(rng.multinomial(20, weight / weight.sum(-1, keepdims=True)), -1, 0)
+            wins, draws, losses = np.moveaxis(
+                rng.multinomial(20, weight / weight.sum(-1, keepdims=True)), -1, 0
+            )
             ratings = davidson(wins, losses, draws)
         else:
             wins = rng.binomial(20, 1 / (1 + np.exp(-x)))
@@ -110,7 +127,9 @@ def test_stronger_attackers_leave_contrasts_within_a_side_alone():
 def test_the_order_of_entrants_does_not_matter():
     rows, columns = np.random.default_rng(0).permutation(6), np.random.default_rng(1).permutation(5)
     straight = bradley_terry(WINS, 20 - WINS, NOTHING)
-    shuffled = bradley_terry(*(table[np.ix_(rows, columns)] for table in (WINS, 20 - WINS, NOTHING)))
+    shuffled = bradley_terry(
+        *(table[np.ix_(rows, columns)] for table in (WINS, 20 - WINS, NOTHING))
+    )
     order = [*rows, *(6 + columns)]
     np.testing.assert_allclose(shuffled.rating, straight.rating[order], atol=1e-9)
     np.testing.assert_allclose(shuffled.error, straight.error[order], atol=1e-9)
@@ -190,7 +209,8 @@ def test_parts_that_never_met_are_not_comparable():
     ratings = bradley_terry(wins, losses, 0 * wins, prior_sd=None)
     assert ratings.design.component[0] == ratings.design.component[2] != ratings.design.component[1]
     np.testing.assert_allclose(ratings.rating, [1595.424, 1595.424, 1404.576, 1404.576], atol=1e-3)
-    np.testing.assert_allclose(ratings.error, np.array([1, 2, 1, 2]) ** -0.5 * 100.296, atol=1e-3)  # as one pair's
+    # as one pair's
+    np.testing.assert_allclose(ratings.error, np.array([1, 2, 1, 2]) ** -0.5 * 100.296, atol=1e-3)
     assert np.isnan(contrast(ratings, 0, 1)).all()
 
 

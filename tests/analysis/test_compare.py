@@ -2,51 +2,21 @@
 
 import numpy as np
 import pytest
+from cross_plays import METHODS, NAN, cross_play, panel_of
 from scipy import stats
 from scipy.special import expit
-from tournaments import build, entrants, from_letters, from_rates
+from tournaments import build, entrants, from_rates
 
-from dronecombat_jax.analysis.compare import compare_methods, elo_of_score, equivalence, pigeonhole_interval, welch
+from dronecombat_jax.analysis.compare import (
+    compare_methods,
+    elo_of_score,
+    equivalence,
+    pigeonhole_interval,
+    welch,
+)
 from dronecombat_jax.analysis.forgetting import at_home
-from dronecombat_jax.analysis.panel import Panel, away_panel, cells_needed, fill_home, mean_scores
-from dronecombat_jax.analysis.result import Alias
+from dronecombat_jax.analysis.panel import away_panel, fill_home, mean_scores
 from dronecombat_jax.types import Cause
-
-METHODS = ("ippo", "s-ippo")
-NAN = np.nan
-
-
-def cross_play(gap, seed=0, seeds=6, weaker_attackers=0.0, spread=0.15, episodes=200):
-    """`seeds` runs of each method with two chunks each, and pilots; the second method's defenders are `gap` better."""
-    rng = np.random.default_rng(seed)
-    defenders, attackers = entrants("d", seeds, 2, METHODS, 1), entrants("a", seeds, 2, METHODS, 2)
-    lift = {one.lineage: rng.normal(gap * (one.method == "s-ippo"), spread) for one in defenders}
-    weak = {one.lineage: rng.normal(weaker_attackers * (one.method == "s-ippo"), spread) for one in attackers}
-    x = np.asarray([[lift[one.lineage] + weak[other.lineage] for other in attackers] for one in defenders])
-    return from_rates(expit(x), episodes, seed, defenders=defenders, attackers=attackers)
-
-
-def panel_of(table, methods):
-    """A panel of one attacker a run and no pilots."""
-    names = tuple(f"{method}-{index}" for index, method in enumerate(methods))
-    ones, seeds = np.ones(len(names)), tuple(range(len(names)))
-    filled = fill_home(table, ones)
-    return Panel(
-        runs=names,
-        methods=tuple(methods),
-        seeds=seeds,
-        steps=seeds,
-        adjusted=mean_scores(filled, ones),
-        plain=np.nanmean(table, axis=1),
-        fights=np.ones(len(names), int),
-        table=table,
-        filled=filled,
-        groups=names,
-        group_methods=tuple(methods),
-        weights=ones,
-        missing=(),
-        dropped=(),
-    )
 
 
 def equal_defenders(first, second, seeds=8, episodes=50):
@@ -56,73 +26,6 @@ def equal_defenders(first, second, seeds=8, episodes=50):
     cause = np.where(won, Cause.INTERCEPT, Cause.REACHED).astype(np.int8)
     sides = entrants("d", seeds, 1, METHODS), entrants("a", seeds, 1, METHODS)
     return build(np.broadcast_to(cause, (2 * seeds, 2 * seeds, episodes)), *sides)
-
-
-def test_the_panel_is_the_final_and_every_tenth_attacker_of_the_others_and_the_pilots():
-    defenders, attackers = entrants("d", 2, 12), entrants("a", 2, 12, scripted=1)
-    cause = np.full((24, 25, 1), Cause.TIMEOUT, np.int8)
-    final = 11  # of run 0: it beats the other's tenth and the pilot, loses to the other's final, draws else
-    cause[final, 12 + 9] = cause[final, 24] = Cause.INTERCEPT
-    cause[final, 12 + 11] = Cause.REACHED
-    cause[final, 11] = Cause.INTERCEPT  # its own: must not count
-    panel = away_panel(build(cause, defenders, attackers))
-    assert panel.runs == ("ippo#0", "ippo#1")
-    np.testing.assert_allclose(panel.plain, [2 / 3, 0.5])
-    assert panel.fights.tolist() == [3, 3]
-    assert panel.groups == ("", "ippo#0", "ippo#1")
-    assert panel.weights.tolist() == [1, 2, 2]
-    np.testing.assert_allclose(panel.table, [[1, NAN, 0.5], [0.5, 0.5, NAN]])
-    # Only the pilot was met by both, and there the first is better by 0.5; so it is at both homes.
-    np.testing.assert_allclose(panel.filled, [[1, 1, 0.5], [0.5, 0.5, 0]], atol=1e-12)
-    np.testing.assert_allclose(panel.adjusted, [(1 + 2 * 1 + 2 * 0.5) / 5, (0.5 + 2 * 0.5) / 5])
-
-
-def test_a_policy_saved_again_takes_the_seats_of_all_its_chunks_and_no_second_seed():
-    defenders, attackers = entrants("d", 2, 1), entrants("a", 2, 2)
-    again = lambda one, **change: Alias(*one[1:7])._replace(**change)
-    # The first run's attacker of chunk 9 was left alone in chunk 10, and its last is that of chunk 11.
-    attackers[0] = attackers[0]._replace(chunk=9, also=(again(attackers[0], chunk=10),))
-    attackers[1] = attackers[1]._replace(chunk=11)
-    # A third run, a copy of the second: the same defender and the same last attacker.
-    defenders[1] = defenders[1]._replace(also=(again(defenders[1], run="copy"),))
-    attackers[3] = attackers[3]._replace(also=(again(attackers[3], run="copy", chunk=2),))
-    cause = np.full((2, 4, 1), Cause.TIMEOUT, np.int8)
-    cause[0, 3] = cause[1, 0] = Cause.INTERCEPT
-    panel = away_panel(build(cause, defenders, attackers))
-    assert panel.runs == ("copy#1", "ippo#0") and panel.copies == (("ippo#1", "copy#1"),)
-    assert panel.weights.tolist() == [2, 1]  # chunks 9 = 10 and 11 of the first run, the last of the second
-    np.testing.assert_allclose(panel.plain, [0.75, 1.0])
-    assert np.isnan(panel.adjusted).all()  # nobody met both of them
-    assert panel.fights.tolist() == [2, 1]
-
-
-def test_a_comparison_needs_no_other_cells_and_misses_none():
-    """Every number of it is the same without them."""
-    result = cross_play(0.5, seeds=3, episodes=20)
-    needed = cells_needed(result.defenders, result.attackers)
-    assert needed.sum() == 6 * 14 + 6 * 2 + 6 + 2  # finals; the others at home; the pilot against finals and pilots
-    cause = np.where(needed[..., None], result.cause, Cause.NONE)
-    part = build(cause, result.defenders, result.attackers)
-    assert compare_methods(part, every=1) == compare_methods(result, every=1)
-    assert at_home(part, away_panel(part)) == at_home(result, away_panel(result))
-    for row in np.flatnonzero([one.chunk == 2 for one in result.defenders]):
-        lost = cause.copy()
-        lost[row] = Cause.NONE  # a final defender's cells are needed
-        assert compare_methods(build(lost, result.defenders, result.attackers)) != compare_methods(result)
-
-
-def test_missing_runs_are_named_and_a_missing_attacker_leaves_the_panel_common():
-    defenders, attackers = entrants("d", 4, 1), entrants("a", 4, 1)
-    rows = [["ww", "dd", "ll", "ww"], ["ww", "ww", "ll", "ww"], ["..", "..", "..", ".."], ["ww", "ww", "..", "ww"]]
-    result = from_letters(rows)._replace(defenders=tuple(defenders), attackers=tuple(attackers))
-    panel = away_panel(result)
-    assert panel.missing == (("ippo#2", "ippo"),)
-    assert panel.dropped == ("a-ippo-2-1",)
-    assert panel.runs == ("ippo#0", "ippo#1", "ippo#3")
-    np.testing.assert_allclose(panel.plain, [0.75, 1.0, 1.0])
-    # (?, 1/2, 1), (1, ?, 1), (1, 1, ?) with 3/4, 3/4, 5/4 filled in: rows' means 9/12, 11/12,
-    # 13/12, columns' 11/12, 9/12, 13/12, all cells' 11/12; row + column - all is what is filled in.
-    np.testing.assert_allclose(panel.adjusted, [9 / 12, 11 / 12, 13 / 12])
 
 
 def test_seven_of_eight_seeds_are_compared_and_the_eighth_is_reported():
@@ -159,13 +62,21 @@ def test_equal_methods_are_called_equivalent_only_when_that_is_shown():
 
 
 def test_several_methods_are_corrected_for_their_number():
-    defenders, attackers = entrants("d", 4, 1, ("a", "b", "c")), entrants("a", 4, 1, ("a", "b", "c"))
-    x = np.repeat([0.0, 0.0, 3.0], 4)[:, None] + np.random.default_rng(0).normal(0, 0.1, (12, 1)) + np.zeros(12)
+    defenders, attackers = (
+        entrants("d", 4, 1, ("a", "b", "c")),
+        entrants("a", 4, 1, ("a", "b", "c")),
+    )
+    x = (
+        np.repeat([0.0, 0.0, 3.0], 4)[:, None]
+        + np.random.default_rng(0).normal(0, 0.1, (12, 1))
+        + np.zeros(12)
+    )
     told = compare_methods(from_rates(expit(x), 300, 0, defenders=defenders, attackers=attackers))
     assert [(one.first, one.second) for one in told] == [("a", "b"), ("a", "c"), ("b", "c")]
     assert told[1].p_value == pytest.approx(2 / 70)
     assert told[1].adjusted_p == pytest.approx(6 / 70)  # the least of three
-    assert told[1].verdict == "undecided between a and c"  # 4 seeds a method cannot carry three pairs
+    # 4 seeds a method cannot carry three pairs
+    assert told[1].verdict == "undecided between a and c"
     with pytest.raises(ValueError, match="'nobody'"):
         compare_methods(cross_play(0.0), ["ippo", "nobody"])
 
@@ -207,8 +118,9 @@ def test_one_seed_or_no_spread_gives_no_false_interval():
 
 
 def test_unequal_attackers_bias_the_plain_mean_and_not_the_adjusted_one():
-    # Additive and without noise: the second method's attackers give 0.2 more away. Each method has 3 runs, so the
-    # first's defenders meet 2 strong and 3 weak (0.12 on average), the second's 3 and 2 (0.08).
+    # Additive and without noise: the second method's attackers give 0.2 more away. Each method has
+    # 3 runs, so the first's defenders meet 2 strong and 3 weak (0.12 on average), the second's 3
+    # and 2 (0.08).
     table = 0.5 + np.tile(np.repeat([0.0, 0.2], 3), (6, 1))
     np.fill_diagonal(table, NAN)
     plain = np.nanmean(table, axis=1)
@@ -248,36 +160,9 @@ def test_who_knows_its_own_attackers_by_heart_has_the_advantage_at_home():
     np.testing.assert_allclose([own[run].worst for run in own], rows + 0.15 + [0.2, -0.1, 0.2, 0.2])
 
 
-def test_cells_at_home_are_filled_as_a_slow_loop_fills_them():
-    rng = np.random.default_rng(5)
-    table, weights = rng.random((7, 9)), rng.integers(1, 5, 9).astype(float)
-    table[np.arange(7), np.arange(7)] = NAN
-    table[3, 0] = NAN
-    filled = np.where(np.isnan(table), 0.5, table)
-    for _ in range(3000):  # the two-way fit to what is filled, filled in again, until nothing moves
-        row, column = filled @ weights / weights.sum(), filled.mean(axis=0)
-        fit = row[:, None] + column - row.mean()
-        filled = np.where(np.isnan(table), fit, table)
-    np.testing.assert_allclose(fill_home(table, weights), filled, atol=1e-9)
-
-
-def test_what_no_fight_tells_stays_unknown_and_is_no_finding():
-    """Two runs that met nobody in common: each one's score may be due to the other's attacker."""
-    table = np.array([[NAN, 0.9], [0.2, NAN]])
-    assert np.isnan(np.diag(fill_home(table, np.ones(2)))).all()
-    result = from_rates(
-        np.array([[0.5, 0.9], [0.2, 0.5]]),
-        20,
-        0,
-        defenders=entrants("d", 1, 1, METHODS),
-        attackers=entrants("a", 1, 1, METHODS),
-    )
-    with pytest.raises(ValueError, match="no attacker in common"):
-        compare_methods(result)
-
-
 def test_the_interval_for_new_attackers_covers_where_the_seeds_interval_does_not():
-    # The methods differ only in whom they suit: against a new set of attackers the difference is 0 on average.
+    # The methods differ only in whom they suit: against a new set of attackers the difference is 0
+    # on average.
     rng = np.random.default_rng(2)
     methods = ["a"] * 6 + ["b"] * 6
     pigeonhole, seeds = [], []
@@ -295,7 +180,8 @@ def test_the_interval_for_new_attackers_covers_where_the_seeds_interval_does_not
 
 
 def test_elo_of_a_score_by_hand():
-    # 10 wins in 11 are 10 to 1: 400 points. With half a fight added on both sides 9.5 in 10 become 10 in 11.
+    # 10 wins in 11 are 10 to 1: 400 points. With half a fight added on both sides 9.5 in 10 become
+    # 10 in 11.
     assert elo_of_score(np.array(0.95), np.array(10)) == pytest.approx(400.0)
     assert np.isfinite(elo_of_score(np.array([0.0, 1.0]), np.array([5, 5]))).all()
     # What a home cell adds may carry an adjusted score past its ends.

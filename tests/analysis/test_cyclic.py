@@ -46,8 +46,11 @@ def test_a_planted_cycle_is_found_with_its_size_and_its_two_dimensions():
 
 
 @pytest.mark.parametrize(("games", "expected"), [(5, 0.52), (20, 0.20), (100, 0.055)])
-def test_the_raw_share_at_additive_truth_is_the_noise_that_the_correction_takes_off(games, expected):
-    # EVALUATION's figures hold for one spread of strengths, sd 0.75 in log-odds (at 0.5: 0.65, 0.33, 0.09).
+def test_the_raw_share_at_additive_truth_is_the_noise_that_the_correction_takes_off(
+    games, expected
+):
+    # EVALUATION's figures hold for one spread of strengths, sd 0.75 in log-odds (at 0.5: 0.65,
+    # 0.33, 0.09).
     x = additive(60, 0.75, 4)
     found = share(1 / (1 + np.exp(-x)), games, 5, bootstrap=60)
     assert found.raw == pytest.approx(expected, rel=0.25)
@@ -60,7 +63,8 @@ def test_at_additive_truth_it_is_found_one_time_in_twenty():
     found = []
     for seed in range(400):
         rate = bradley_terry_rates(rng.normal(0, 0.7, 7), rng.normal(0, 0.7, 7))
-        drawn = rng.binomial(20, (seed % 2) * 1.6 * rate * (1 - rate))  # every other table has draws
+        # every other table has draws
+        drawn = rng.binomial(20, (seed % 2) * 1.6 * rate * (1 - rate))
         wins = rng.binomial(20 - drawn, rate)
         found.append(cyclic_share(wins, 20 - drawn - wins, drawn, 59, seed).p_value <= 0.05)
     assert 0.03 <= np.mean(found) <= 0.07

@@ -1,4 +1,6 @@
-"""Every rating and statistic on results that say too little (FAULTS row 39): finite, flagged, nothing made up."""
+"""Every rating and statistic on results that say too little (FAULTS row 39): finite, flagged,
+nothing made up.
+"""
 
 import numpy as np
 import pytest
@@ -17,7 +19,8 @@ from dronecombat_jax.analysis.random_walk import random_walk_curve, timelines
 from dronecombat_jax.analysis.result import score_rate, scores
 from dronecombat_jax.types import ATTACKER, DEFENDER
 
-# name: the fights, how many of the players have an open end, into how many parts that never met they fall
+# name: the fights, how many of the players have an open end, into how many parts that never met
+# they fall
 RESULTS = {
     "unbeaten attacker": ([["lll", "wld"], ["lll", "dww"]], 1, 1),
     "winless defender and unbeaten attacker": ([["lll", "lll"], ["lll", "wwl"]], 2, 1),
@@ -85,7 +88,9 @@ def test_rates_and_endings_are_missing_exactly_where_nothing_was_played(name):
 
 def test_only_draws_leave_methods_undecided_or_equal_but_never_ranked():
     methods = ("a", "b")
-    result = build(np.full((8, 8, 5), 6, np.int8), entrants("d", 4, 1, methods), entrants("a", 4, 1, methods))
+    result = build(
+        np.full((8, 8, 5), 6, np.int8), entrants("d", 4, 1, methods), entrants("a", 4, 1, methods)
+    )
     (told,) = compare_methods(result)
     assert told.p_value == 1 and told.adjusted_score.difference == 0
     assert told.verdict == "a and b are equivalent within 25 Elo"

@@ -22,7 +22,9 @@ def test_one_missing_cell_costs_one_attacker_whatever_the_order():
     assert [entrant.chunk for entrant in kept.attackers] == [1, 2]
     assert len(kept.defenders) == 3
     backwards = build(cause[::-1, ::-1], result.defenders[::-1], result.attackers[::-1])
-    assert {one.identity for one in complete_part(backwards).attackers} == {one.identity for one in kept.attackers}
+    assert {one.identity for one in complete_part(backwards).attackers} == {
+        one.identity for one in kept.attackers
+    }
 
 
 def test_nothing_played_leaves_nothing():

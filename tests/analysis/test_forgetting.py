@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from tournaments import build, entrants, from_letters
 
-from dronecombat_jax.analysis.forgetting import RunMap, forgetting, home_and_away, run_maps, summarise_maps
+from dronecombat_jax.analysis.forgetting import (
+    RunMap,
+    forgetting,
+    home_and_away,
+    run_maps,
+    summarise_maps,
+)
 from dronecombat_jax.analysis.result import Alias
 from dronecombat_jax.types import Cause
 
@@ -16,10 +22,12 @@ SCORE = np.array([[0.5, 0.1, 0.0], [0.7, 0.6, 0.2], [0.3, 0.9, 0.8]])
 def test_a_run_summarised_by_hand():
     told = forgetting(SCORE)
     assert told.lag.tolist() == [-2, -1, 0, 1, 2]
-    # Lag 1: the defenders 1, 2 against the attackers 0, 1: 0.7 and 0.9. Lag -1, the future: 0.1 and 0.2.
+    # Lag 1: the defenders 1, 2 against the attackers 0, 1: 0.7 and 0.9. Lag -1, the future: 0.1 and
+    # 0.2.
     np.testing.assert_allclose(told.profile, [0.0, 0.15, 1.9 / 3, 0.8, 0.3])
     assert told.pairs.tolist() == [1, 2, 3, 2, 1]
-    # The last one against attackers 0, 1 less what each had at the time: (0.3 - 0.5 + 0.9 - 0.6) / 2.
+    # The last one against attackers 0, 1 less what each had at the time: (0.3 - 0.5 + 0.9 - 0.6) /
+    # 2.
     assert told.backward_transfer == pytest.approx(0.05)
     np.testing.assert_allclose(told.worst_past, [0.5, 0.6, 0.3])
     assert told.final_worst == 0.3
@@ -67,7 +75,10 @@ def test_a_policy_that_a_chunk_left_alone_stands_at_every_chunk():
     """Saved after chunks 1, 2 and 4, learnt in 3: the map has four rows, the first two the same."""
     first, second = entrants("d", 1, 2)
     again = Alias("ippo 0", "ippo", "ippo", 0, 2, 2000)
-    defenders = [first._replace(also=(again,)), second._replace(chunk=3, also=(again._replace(chunk=4),))]
+    defenders = [
+        first._replace(also=(again,)),
+        second._replace(chunk=3, also=(again._replace(chunk=4),)),
+    ]
     result = from_letters([["w", "l"], ["d", "w"]])._replace(defenders=tuple(defenders))
     (told,) = run_maps(result)
     assert told.chunks.tolist() == [1, 2, 3, 4]
@@ -76,7 +87,10 @@ def test_a_policy_that_a_chunk_left_alone_stands_at_every_chunk():
 
 
 def test_home_and_away_by_hand():
-    # Attackers: own run (w, l), another (d, d), a third (l, unplayed), a scripted pilot that counts for neither.
+    # Attackers: own run (w, l), another (d, d), a third (l, unplayed), a scripted pilot that counts
+    # for neither.
     attackers = [*entrants("a", 3, 2), *entrants("a", 0, 0, scripted=1)]
-    result = from_letters([["w", "l", "d", "d", "l", ".", "w"]])._replace(attackers=tuple(attackers))
+    result = from_letters([["w", "l", "d", "d", "l", ".", "w"]])._replace(
+        attackers=tuple(attackers)
+    )
     assert home_and_away(result, "ippo#0") == pytest.approx((0.5, 0.25))

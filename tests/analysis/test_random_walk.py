@@ -5,7 +5,12 @@ import pytest
 from tournaments import bradley_terry_rates, build, entrants
 
 from dronecombat_jax.analysis.bradley_terry import POINTS, bradley_terry
-from dronecombat_jax.analysis.random_walk import Timeline, random_walk_curve, timelines, walk_precision
+from dronecombat_jax.analysis.random_walk import (
+    Timeline,
+    random_walk_curve,
+    timelines,
+    walk_precision,
+)
 from dronecombat_jax.analysis.result import Alias
 
 STEP = 0.06  # of the planted walks, log-odds
@@ -49,11 +54,16 @@ def test_a_narrow_walk_is_a_constant_and_a_wide_one_is_plain_bradley_terry():
 
 
 def test_the_prior_is_the_walks_of_the_formula():
-    # (theta_1 - theta_0)^2 / (2 w^2 * 2) + (theta_2 - theta_1)^2 / (2 w^2), the first and the fourth anchored by s.
+    # (theta_1 - theta_0)^2 / (2 w^2 * 2) + (theta_2 - theta_1)^2 / (2 w^2), the first and the
+    # fourth anchored by s.
     w, s = 0.5, 2.0
     theta = np.array([0.3, -0.2, 0.7, 1.1])
-    formula = ((-0.5) ** 2 / (2 * w**2 * 2)) + (0.9**2 / (2 * w**2)) + (0.3**2 + 1.1**2) / (2 * s**2)
-    precision = walk_precision(4, [Timeline(np.array([0, 1, 2]), np.array([0.0, 2, 3]))], w * POINTS, s * POINTS)
+    formula = (
+        ((-0.5) ** 2 / (2 * w**2 * 2)) + (0.9**2 / (2 * w**2)) + (0.3**2 + 1.1**2) / (2 * s**2)
+    )
+    precision = walk_precision(
+        4, [Timeline(np.array([0, 1, 2]), np.array([0.0, 2, 3]))], w * POINTS, s * POINTS
+    )
     assert theta @ precision @ theta / 2 == pytest.approx(formula)
 
 
@@ -66,7 +76,8 @@ def test_timelines_are_runs_in_order_of_training():
 
 
 def test_time_stands_still_while_a_policy_is_saved_unchanged_and_a_shared_one_has_one_timeline():
-    # The first stands at chunks 1, 2 and 3, the second is saved after 4, the third after 6: gaps of 1 and 2.
+    # The first stands at chunks 1, 2 and 3, the second is saved after 4, the third after 6: gaps of
+    # 1 and 2.
     one, two, three = entrants("d", 1, 3)
     alias = lambda chunk, run="ippo": Alias("", "ippo", run, 0, chunk, 0)
     also = (alias(2), alias(3), alias(1, "copy"))
@@ -78,7 +89,10 @@ def test_time_stands_still_while_a_policy_is_saved_unchanged_and_a_shared_one_ha
 
 @pytest.mark.parametrize(
     "chains",
-    [[Timeline(np.array([0, 1]), np.array([1.0, 1.0]))], [Timeline(np.array([0, 1]), np.array([0.0, 1.0]))] * 2],
+    [
+        [Timeline(np.array([0, 1]), np.array([1.0, 1.0]))],
+        [Timeline(np.array([0, 1]), np.array([0.0, 1.0]))] * 2,
+    ],
 )
 def test_impossible_timelines_are_refused(chains):
     with pytest.raises(ValueError, match="timeline"):

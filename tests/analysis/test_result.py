@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from tournaments import CONTROL_DT, WINNER, build, entrants, from_letters
 
-from dronecombat_jax.analysis.result import first_episodes, score_rate, scores, select, tournament_result, win_rate
+from dronecombat_jax.analysis.result import (
+    first_episodes,
+    score_rate,
+    scores,
+    select,
+    tournament_result,
+    win_rate,
+)
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.types import Cause
 
@@ -40,7 +47,9 @@ def test_select_and_first_episodes_keep_cells_together():
 
 
 def test_a_result_from_before_the_last_causes_is_read():
-    old = tournament_result(TABLE.cause, TABLE.steps, WINNER[:8], TABLE.defenders, TABLE.attackers, CONTROL_DT)
+    old = tournament_result(
+        TABLE.cause, TABLE.steps, WINNER[:8], TABLE.defenders, TABLE.attackers, CONTROL_DT
+    )
     assert old.counts.tolist() == TABLE.counts.tolist()
 
 

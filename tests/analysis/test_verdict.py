@@ -34,14 +34,21 @@ def finals(
     sides = entrants("d", seeds, 1, methods), entrants("a", seeds, 1, methods, pilots)
     lift = np.asarray([rng.normal(gap * (one.method == methods[-1]), spread) for one in sides[0]])
     return from_rates(
-        expit(lift[:, None] + np.zeros(len(sides[1]))), episodes, 0, defenders=sides[0], attackers=sides[1]
+        expit(lift[:, None] + np.zeros(len(sides[1]))),
+        episodes,
+        0,
+        defenders=sides[0],
+        attackers=sides[1],
     )
 
 
 def test_a_clear_difference_is_a_yes_with_the_winner_first():
     (answer,) = judge(finals(1.0)).answers
     assert answer.sentence.startswith("YES: s-ippo's final defender beats ippo's.")
-    assert "6 v 6 training seeds" in answer.sentence and "exact permutation p = 0.0022" in answer.sentence
+    assert (
+        "6 v 6 training seeds" in answer.sentence
+        and "exact permutation p = 0.0022" in answer.sentence
+    )
     assert answer.means[1] > answer.means[0]
 
 
@@ -70,7 +77,10 @@ def test_equality_must_be_shown_and_is_not_the_same_as_no_difference():
     (equal,) = judge(finals(0.0, spread=0.01, episodes=400)).answers
     assert equal.sentence.startswith("NO DIFFERENCE OF 25 ELO")
     (open_,) = judge(finals(0.0, spread=0.6)).answers
-    assert open_.sentence.startswith("UNDECIDED") and "not evidence that they are equal" in open_.sentence
+    assert (
+        open_.sentence.startswith("UNDECIDED")
+        and "not evidence that they are equal" in open_.sentence
+    )
     assert "no result could have been significant" not in open_.sentence
 
 
@@ -86,7 +96,11 @@ def test_too_few_seeds_are_said_to_be_too_few():
 
 def test_all_pairs_are_judged_together_and_the_text_names_holm():
     verdict = judge(finals(2.0, methods=("a", "b", "c")))
-    assert [(one.numbers.first, one.numbers.second) for one in verdict.answers] == [("a", "b"), ("a", "c"), ("b", "c")]
+    assert [(one.numbers.first, one.numbers.second) for one in verdict.answers] == [
+        ("a", "b"),
+        ("a", "c"),
+        ("b", "c"),
+    ]
     assert "after Holm" in verdict.answers[1].sentence
     assert verdict_text(verdict).count("  permutation p ") == 3
 
@@ -116,13 +130,16 @@ def test_what_cannot_be_compared_is_refused_in_one_line():
     with pytest.raises(UserError, match="no final defender of nobody"):
         judge(finals(0.0), ["ippo", "nobody"])
     unplayed = build(
-        np.full((2, 2, 1), Cause.NONE, np.int8), entrants("d", 1, 1, METHODS), entrants("a", 1, 1, METHODS)
+        np.full((2, 2, 1), Cause.NONE, np.int8),
+        entrants("d", 1, 1, METHODS),
+        entrants("a", 1, 1, METHODS),
     )
     with pytest.raises(UserError, match="nothing to compare"):
         judge(unplayed)
     with pytest.raises(UserError, match="no attacker met the final defenders of two runs"):
         judge(finals(1.0, seeds=1))  # each has met the other's attacker alone, weak or not
-    own = select(finals(0.0, seeds=1), np.asarray([0, 1]), np.asarray([0]))  # the first meets its own attacker only
+    # the first meets its own attacker only
+    own = select(finals(0.0, seeds=1), np.asarray([0, 1]), np.asarray([0]))
     with pytest.raises(UserError, match="nothing to compare"):
         judge(own)
 
@@ -132,7 +149,9 @@ def test_runs_are_grouped_anew_and_the_answer_is_written(tmp_path):
     text = write_comparison(
         regroup(result, {"ippo": "without", "s-ippo": "with"}), tmp_path, "method", notes=["a note"]
     )
-    assert text.startswith("YES: with's final defender beats without's.") and text.endswith("note: a note")
+    assert text.startswith("YES: with's final defender beats without's.") and text.endswith(
+        "note: a note"
+    )
     assert (tmp_path / "comparison.txt").read_text() == text + "\n"
     assert json.loads((tmp_path / "comparison.json").read_text())["by"] == "method"
     with pytest.raises(UserError, match="not given: s-ippo"):
@@ -147,7 +166,10 @@ def test_a_policy_saved_in_two_runs_is_grouped_under_all_its_names():
     result = finals(0.0)
     first = result.defenders[0]
     result = result._replace(
-        defenders=(first._replace(also=(Alias(*first[1:7])._replace(run="s-ippo"),)), *result.defenders[1:])
+        defenders=(
+            first._replace(also=(Alias(*first[1:7])._replace(run="s-ippo"),)),
+            *result.defenders[1:],
+        )
     )
     again = regroup(result, {"ippo": "x", "s-ippo": "y"}).defenders[0]
     assert again.method == "x" and again.also[0].method == "y"

@@ -9,7 +9,17 @@ import pytest
 
 from dronecombat_jax.arena.match import fight, policy_pilot, record, start_fights, trajectory
 from dronecombat_jax.config.fields import LearnConfig
-from dronecombat_jax.types import ATTACKER, DEFENDER, MLP, Cause, EnvState, FightRecord, FightResult, Policy, Scaler
+from dronecombat_jax.types import (
+    ATTACKER,
+    DEFENDER,
+    MLP,
+    Cause,
+    EnvState,
+    FightRecord,
+    FightResult,
+    Policy,
+    Scaler,
+)
 
 LEFT = 30  # control steps to the time-out of every fight but the last
 KEY = jax.random.key(7)
@@ -29,7 +39,9 @@ def bounce(state, observation, key):
 
 @pytest.fixture(scope="module")
 def start(arena: SimpleNamespace) -> EnvState:
-    """Eight fights, most near an end of their own: caught, reached, crashed, crashed together, broken, timed out."""
+    """Eight fights, most near an end of their own: caught, reached, crashed, crashed together,
+    broken, timed out.
+    """
     state = start_fights(arena.combat, jax.random.key(0), arena.size)
     qpos, qvel = np.array(state.qpos), np.array(state.qvel)
     qpos[0, :3], qpos[0, 7:10], qvel[0, 7] = (0, 5, 1), (0, 3, 1), 5.0
@@ -47,7 +59,9 @@ def start(arena: SimpleNamespace) -> EnvState:
 def fought(arena: SimpleNamespace, start: EnvState) -> FightResult:
     # The check of key reuse is on while the program is traced.
     with jax.debug_key_reuse(True):
-        return jax.jit(lambda start, key: fight(arena.combat, hover, bounce, start, key))(start, KEY)
+        return jax.jit(lambda start, key: fight(arena.combat, hover, bounce, start, key))(
+            start, KEY
+        )
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +73,12 @@ def test_fight_ends_as_its_record_ends(fought: FightResult, recorded: FightRecor
     jax.tree.map(np.testing.assert_array_equal, fought, recorded.result)
 
 
-def test_every_fight_is_counted_up_to_its_own_end(arena: SimpleNamespace, start: EnvState, recorded: FightRecord):
-    """Against a plain loop that flies the recorded actions through the environment and stops nobody."""
+def test_every_fight_is_counted_up_to_its_own_end(
+    arena: SimpleNamespace, start: EnvState, recorded: FightRecord
+):
+    """Against a plain loop that flies the recorded actions through the environment and stops
+    nobody.
+    """
     cause, steps = np.zeros(arena.size, int), np.zeros(arena.size, int)
     down, last = np.zeros((arena.size, 2), bool), np.array(start.qpos)
     state = start
@@ -68,7 +86,12 @@ def test_every_fight_is_counted_up_to_its_own_end(arena: SimpleNamespace, start:
         np.testing.assert_array_equal(start.target, state.target)
         state, output = arena.step(state, recorded.action[step])
         on = cause == Cause.NONE
-        last[on], down[on], steps[on], cause[on] = state.qpos[on], state.out[on], step + 1, output.cause[on]
+        last[on], down[on], steps[on], cause[on] = (
+            state.qpos[on],
+            state.out[on],
+            step + 1,
+            output.cause[on],
+        )
         np.testing.assert_allclose(recorded.qpos[step], last, atol=1e-4)
     np.testing.assert_array_equal(recorded.result.cause, cause)
     np.testing.assert_array_equal(recorded.result.steps, steps)
@@ -77,11 +100,20 @@ def test_every_fight_is_counted_up_to_its_own_end(arena: SimpleNamespace, start:
 
 def test_the_fights_end_in_every_way(recorded: FightRecord):
     names = [Cause(int(cause)).name for cause in recorded.result.cause]
-    assert names[:6] == ["INTERCEPT", "REACHED", "DEFENDER_CRASH", "ATTACKER_CRASH", "BOTH_CRASH", "DIVERGED"]
+    assert names[:6] == [
+        "INTERCEPT",
+        "REACHED",
+        "DEFENDER_CRASH",
+        "ATTACKER_CRASH",
+        "BOTH_CRASH",
+        "DIVERGED",
+    ]
     assert names[6:] == ["TIMEOUT", "TIMEOUT"]
     steps = recorded.result.steps
     assert steps[5] == 1 and list(steps[6:]) == [LEFT, LEFT + 1]
-    np.testing.assert_array_equal(recorded.result.down[:5], [[0, 0], [0, 0], [1, 0], [0, 1], [1, 1]])
+    np.testing.assert_array_equal(
+        recorded.result.down[:5], [[0, 0], [0, 0], [1, 0], [0, 1], [1, 1]]
+    )
 
 
 def test_after_its_end_a_fight_stands_still(recorded: FightRecord):
@@ -100,7 +132,9 @@ def test_the_same_key_gives_the_same_starts(arena: SimpleNamespace):
     assert not np.any(first.qpos[:, 2] == other.qpos[:, 2])
 
 
-def test_trajectory_is_cut_at_the_fights_end(arena: SimpleNamespace, start: EnvState, recorded: FightRecord):
+def test_trajectory_is_cut_at_the_fights_end(
+    arena: SimpleNamespace, start: EnvState, recorded: FightRecord
+):
     for index in range(arena.size):
         fight = trajectory(arena.combat, recorded, index)
         steps = int(recorded.result.steps[index])
@@ -129,8 +163,13 @@ def test_policy_pilot_flies_its_roles_row():
         expected = np.clip((observation[:, role, :4] - 1.0) / 2.0, -5, 5)
         np.testing.assert_allclose(action, expected, rtol=1e-5)
         drawn = policy_pilot(learn, policy, role, stochastic=True)(None, observation, KEY)
-        np.testing.assert_allclose(drawn[:, 0], expected[:, 0], atol=1e-6)  # its log-std is at the lower bound
+        # its log-std is at the lower bound
+        np.testing.assert_allclose(drawn[:, 0], expected[:, 0], atol=1e-6)
         assert np.all(drawn[:, 1:] != expected[:, 1:])
-        np.testing.assert_array_equal(drawn, policy_pilot(learn, policy, role, True)(None, observation, KEY))
-        raw = policy_pilot(LearnConfig(normalize_observations=False), policy, role)(None, observation, KEY)
+        np.testing.assert_array_equal(
+            drawn, policy_pilot(learn, policy, role, True)(None, observation, KEY)
+        )
+        raw = policy_pilot(LearnConfig(normalize_observations=False), policy, role)(
+            None, observation, KEY
+        )
         np.testing.assert_allclose(raw, observation[:, role, :4])

@@ -1,4 +1,5 @@
-"""The round robin against a plain loop of single fights, and under every way of cutting it into batches.
+"""The round robin against a plain loop of single fights, and under every way of cutting it into
+batches.
 
 Drones coast here instead of being stepped by MJX, but for one test.
 """
@@ -28,13 +29,16 @@ from dronecombat_jax.combat.scripted import build_pilot
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause
 
-GAME = replace(CONFIG.game, episode_steps=60, crash_rule="out")  # so that fights are of very different lengths
+# so that fights are of very different lengths
+GAME = replace(CONFIG.game, episode_steps=60, crash_rule="out")
 EPISODES = 4
 SMALL = Layout(lanes=64, block=8, blocks=16, steps=5)
 
 
 def player(seed: int, sizes: tuple[int, ...] = (35, 16, 8, 4), steer: float = 20.0) -> Player:
-    """A policy that nobody trained; `steer` times harder on the stick than `make_policy`'s, log-std in its bounds."""
+    """A policy that nobody trained; `steer` times harder on the stick than `make_policy`'s, log-std
+    in its bounds.
+    """
     policy = make_policy(sizes, seed)
     *first, last = policy.network.weights
     network = policy.network.replace(weights=(*first, last * np.float32(steer)))
@@ -46,8 +50,12 @@ DEFENDERS = [*map(player, range(4)), Player("hover", "hover"), player(7, (35, 8,
 ATTACKERS = [*map(player, range(10, 15)), Player("dash", "dash")]
 
 
-def grid(combat: Combat, defenders: list[Player], attackers: list[Player], rules: Rules, **how) -> np.ndarray:
-    """Causes and steps of every fight [2, D, A, E]; -1 where it was not flown. Every cell must come once."""
+def grid(
+    combat: Combat, defenders: list[Player], attackers: list[Player], rules: Rules, **how
+) -> np.ndarray:
+    """Causes and steps of every fight [2, D, A, E]; -1 where it was not flown. Every cell must come
+    once.
+    """
     out = np.full((2, len(defenders), len(attackers), rules.episodes), -1)
     fights = 0
     for harvest in play(combat, defenders, attackers, rules, **how):
@@ -68,17 +76,23 @@ def combat() -> Coasting:
 def flown(combat: Coasting) -> SimpleNamespace:
     """Everybody: two sizes of networks and scripted pilots."""
     rules = Rules(EPISODES, seed=3)
-    return SimpleNamespace(rules=rules, grid=grid(combat, DEFENDERS, ATTACKERS, rules, layout=SMALL))
+    return SimpleNamespace(
+        rules=rules, grid=grid(combat, DEFENDERS, ATTACKERS, rules, layout=SMALL)
+    )
 
 
 @pytest.fixture(scope="module")
 def drawn(combat: Coasting) -> SimpleNamespace:
     """The first policies with drawn actions."""
     rules = Rules(EPISODES, seed=3, stochastic=True)
-    return SimpleNamespace(rules=rules, grid=grid(combat, DEFENDERS[:4], ATTACKERS[:5], rules, layout=SMALL))
+    return SimpleNamespace(
+        rules=rules, grid=grid(combat, DEFENDERS[:4], ATTACKERS[:5], rules, layout=SMALL)
+    )
 
 
-def one_by_one(combat: Combat, defenders: list[Player], attackers: list[Player], rules: Rules) -> np.ndarray:
+def one_by_one(
+    combat: Combat, defenders: list[Player], attackers: list[Player], rules: Rules
+) -> np.ndarray:
     """The same grid by `match.fight`, one fight at a time."""
     starts = start_states(combat, rules.seed, rules.episodes)
     learn, config = LearnConfig(), combat.config
@@ -97,7 +111,9 @@ def one_by_one(combat: Combat, defenders: list[Player], attackers: list[Player],
     out = np.zeros((2, len(defenders), len(attackers), rules.episodes), int)
     for row, defender in enumerate(defenders):
         for column, attacker in enumerate(attackers):
-            words = np.concatenate([content_words(defender.identity), content_words(attacker.identity)])
+            words = np.concatenate(
+                [content_words(defender.identity), content_words(attacker.identity)]
+            )
             scripted = isinstance(defender.pilot, str), isinstance(attacker.pilot, str)
             for episode in range(rules.episodes):
                 start = jax.tree.map(lambda leaf, e=episode: leaf[e : e + 1], starts)
@@ -112,20 +128,33 @@ def one_by_one(combat: Combat, defenders: list[Player], attackers: list[Player],
     return out
 
 
-def test_a_cell_is_what_a_plain_loop_of_single_fights_gives(combat: Coasting, flown: SimpleNamespace):
+def test_a_cell_is_what_a_plain_loop_of_single_fights_gives(
+    combat: Coasting, flown: SimpleNamespace
+):
     expected = one_by_one(combat, DEFENDERS, ATTACKERS, flown.rules)
-    looped = expected[0] > Cause.NONE  # all but policy against scripted pilot, which are no program of their own
+    # all but policy against scripted pilot, which are no program of their own
+    looped = expected[0] > Cause.NONE
     assert np.sum(looped) == (5 * 5 + 1) * EPISODES
     np.testing.assert_array_equal(flown.grid[:, looped], expected[:, looped])
-    assert len(np.unique(flown.grid[0])) >= 4 and flown.grid[1].min() < 10 and flown.grid[1].max() == 60
+    assert (
+        len(np.unique(flown.grid[0])) >= 4
+        and flown.grid[1].min() < 10
+        and flown.grid[1].max() == 60
+    )
 
 
-def test_drawn_actions_are_those_of_the_same_loop(combat: Coasting, drawn: SimpleNamespace, flown: SimpleNamespace):
-    np.testing.assert_array_equal(one_by_one(combat, DEFENDERS[:4], ATTACKERS[:5], drawn.rules), drawn.grid)
+def test_drawn_actions_are_those_of_the_same_loop(
+    combat: Coasting, drawn: SimpleNamespace, flown: SimpleNamespace
+):
+    np.testing.assert_array_equal(
+        one_by_one(combat, DEFENDERS[:4], ATTACKERS[:5], drawn.rules), drawn.grid
+    )
     assert np.mean(drawn.grid[1] != flown.grid[1, :4, :5]) > 0.3
 
 
-def test_no_outcome_depends_on_batches(combat: Coasting, flown: SimpleNamespace, drawn: SimpleNamespace):
+def test_no_outcome_depends_on_batches(
+    combat: Coasting, flown: SimpleNamespace, drawn: SimpleNamespace
+):
     for reference, how in (
         (flown, {"layout": Layout(96, 8, 24, 7), "batches": 3}),
         (flown, {"layout": Layout(32, 8, 5, 60), "batches": 1}),
@@ -163,7 +192,9 @@ def test_episode_e_starts_alike_in_every_cell_and_for_any_number_of_episodes(com
 
 def test_a_policy_of_nan_loses_its_own_fights_alone(combat: Coasting, flown: SimpleNamespace):
     broken = player(3)._replace(identity="broken")
-    broken = broken._replace(pilot=jax.tree.map(lambda leaf: np.full_like(leaf, np.nan), broken.pilot))
+    broken = broken._replace(
+        pilot=jax.tree.map(lambda leaf: np.full_like(leaf, np.nan), broken.pilot)
+    )
     out = grid(combat, [*DEFENDERS[:2], broken], ATTACKERS[:2], flown.rules, layout=SMALL)
     assert np.all(out[0, 2] == Cause.DEFENDER_INVALID) and np.all(out[1, 2] == 1)
     np.testing.assert_array_equal(out[:, :2], flown.grid[:, :2, :2])
@@ -206,7 +237,10 @@ def test_in_mjx_cells_are_what_plain_matches_give(arena: SimpleNamespace):
     """Eight fights at once there, blocks of other policies' fights here."""
     config = replace(arena.combat.config, game=replace(arena.combat.config.game, episode_steps=60))
     combat, rules, learn = Combat(config, arena.combat.scene), Rules(8, seed=1), LearnConfig()
-    defenders, attackers = [player(i, steer=1.0) for i in range(4)], [player(10 + i, steer=1.0) for i in range(4)]
+    defenders, attackers = (
+        [player(i, steer=1.0) for i in range(4)],
+        [player(10 + i, steer=1.0) for i in range(4)],
+    )
     out = grid(combat, defenders, attackers, rules, layout=SMALL, batches=1)
     again = grid(combat, defenders[::-1], attackers[::-1], rules, layout=SMALL, batches=2)
     np.testing.assert_array_equal(again[:, ::-1, ::-1], out)

@@ -1,4 +1,6 @@
-"""Who flies where: every fight once, every lane in a block of its player, and room that is never exceeded."""
+"""Who flies where: every fight once, every lane in a block of its player, and room that is never
+exceeded.
+"""
 
 import numpy as np
 import pytest
@@ -12,15 +14,22 @@ EPISODES = 3
 def check_blocks(schedule: Schedule, role: int, grouped: np.ndarray) -> None:
     """Each busy lane sits on a seat of its own, in a block that its player flies."""
     layout, blocks = schedule.layout, schedule.blocks(role)
-    assert blocks.rows.shape == (layout.blocks, layout.block) and blocks.player.shape == (layout.blocks,)
+    assert blocks.rows.shape == (layout.blocks, layout.block) and blocks.player.shape == (
+        layout.blocks,
+    )
     lanes = [lane for lane in np.flatnonzero(schedule.busy) if grouped[schedule.player[role, lane]]]
     for lane in lanes:
         block, place = divmod(int(blocks.seat[lane]), layout.block)
-        assert blocks.rows[block, place] == lane and blocks.player[block] == schedule.player[role, lane]
+        assert (
+            blocks.rows[block, place] == lane
+            and blocks.player[block] == schedule.player[role, lane]
+        )
     assert len(np.unique(blocks.seat[lanes])) == len(lanes)
 
 
-@pytest.mark.parametrize(("lanes", "block", "blocks"), [(32, 4, 12), (32, 4, 8), (16, 8, 2), (24, 1, 24)])
+@pytest.mark.parametrize(
+    ("lanes", "block", "blocks"), [(32, 4, 12), (32, 4, 8), (16, 8, 2), (24, 1, 24)]
+)
 def test_every_fight_is_flown_once_whatever_ends_first(lanes: int, block: int, blocks: int):
     rng = np.random.default_rng(lanes + blocks)
     layout = Layout(lanes, block, blocks)
@@ -47,7 +56,10 @@ def test_tiles_hold_few_players_and_about_a_batch_of_fights():
     squares = list(tiles(np.ones((100, 100), bool), layout, 5))
     assert sum(map(len, squares)) == 50_000
     for square in squares[:-1]:
-        assert len({fight.defender for fight in square}) <= 11 and len({fight.attacker for fight in square}) <= 11
+        assert (
+            len({fight.defender for fight in square}) <= 11
+            and len({fight.attacker for fight in square}) <= 11
+        )
     assert 512 <= len(squares[0]) < 2 * 512
     assert list(tiles(np.zeros((3, 3), bool), layout, 5)) == []
 

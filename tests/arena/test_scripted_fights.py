@@ -1,4 +1,6 @@
-"""Fights of the scripted pilots in MJX: what each is for, it does. Shares: benchmarks/scripted_pilots.py."""
+"""Fights of the scripted pilots in MJX: what each is for, it does. Shares:
+benchmarks/scripted_pilots.py.
+"""
 
 from types import SimpleNamespace
 
@@ -18,7 +20,9 @@ DEFENDERS, ATTACKERS = ["absent", *PILOTS[DEFENDER]], list(PILOTS[ATTACKER])
 
 
 def fight_all(arena: SimpleNamespace, game: GameConfig, seed: int) -> SimpleNamespace:
-    """Every attacker against every defender from the same starts, as one program: NumPy leaves [D, A, E, ...]."""
+    """Every attacker against every defender from the same starts, as one program: NumPy leaves [D,
+    A, E, ...].
+    """
     combat = Combat(Config(game=game), arena.combat.scene)
     pilots = {
         role: [build_pilot(name, combat.config, combat.scene) for name in names]
@@ -27,7 +31,9 @@ def fight_all(arena: SimpleNamespace, game: GameConfig, seed: int) -> SimpleName
     shape = (len(DEFENDERS), len(ATTACKERS), FIGHTS)
     defender, attacker, _ = (jnp.asarray(index.reshape(-1)) for index in np.indices(shape))
     once = start_fights(combat, jax.random.key(seed), FIGHTS)
-    start = jax.tree.map(lambda leaf: jnp.tile(leaf, (shape[0] * shape[1],) + (1,) * (leaf.ndim - 1)), once)
+    start = jax.tree.map(
+        lambda leaf: jnp.tile(leaf, (shape[0] * shape[1],) + (1,) * (leaf.ndim - 1)), once
+    )
     start = start.replace(out=start.out.at[:, DEFENDER].set(defender == DEFENDERS.index("absent")))
     match = lambda start: fight(
         combat,
@@ -36,13 +42,17 @@ def fight_all(arena: SimpleNamespace, game: GameConfig, seed: int) -> SimpleName
         start,
         jax.random.key(seed),
     )
-    result = jax.tree.map(lambda leaf: np.asarray(leaf).reshape(*shape, *leaf.shape[1:]), jax.jit(match)(start))
+    result = jax.tree.map(
+        lambda leaf: np.asarray(leaf).reshape(*shape, *leaf.shape[1:]), jax.jit(match)(start)
+    )
     return SimpleNamespace(**result._asdict())
 
 
 def share(fought: SimpleNamespace, defender: str, attacker: str, cause: Cause) -> float:
     """Share of a pair's fights that ended so."""
-    return float(np.mean(fought.cause[DEFENDERS.index(defender), ATTACKERS.index(attacker)] == cause))
+    return float(
+        np.mean(fought.cause[DEFENDERS.index(defender), ATTACKERS.index(attacker)] == cause)
+    )
 
 
 @pytest.fixture(scope="module", params=[0, 1])
@@ -79,9 +89,15 @@ def test_nobody_crashes_and_all_fights_are_decided(fought: SimpleNamespace):
 
 
 def test_no_pilot_crashes_in_a_long_low_chase(arena: SimpleNamespace):
-    """Nothing but a millimetre ends these 6 s: pilots overshoot, turn and come again, from anywhere, low."""
+    """Nothing but a millimetre ends these 6 s: pilots overshoot, turn and come again, from
+    anywhere, low.
+    """
     game = GameConfig(
-        episode_steps=300, intercept_radius=1e-3, reach_radius=1e-3, spawn="uniform", spawn_altitude_high=0.7
+        episode_steps=300,
+        intercept_radius=1e-3,
+        reach_radius=1e-3,
+        spawn="uniform",
+        spawn_altitude_high=0.7,
     )
     chased = fight_all(arena, game, 2)
     for role, name in enumerate(ROLES):

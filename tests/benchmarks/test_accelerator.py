@@ -20,7 +20,12 @@ def test_what_is_no_size_is_one_line(word):
 
 
 def test_tables_show_every_program_of_a_part_and_leave_out_a_part_that_did_not_run():
-    row = {"what": "step", "size": "1000", "rates": {"a": 1e6, "b": 2e3}, "compile_seconds": {"a": 1.4, "b": 2.0}}
+    row = {
+        "what": "step",
+        "size": "1000",
+        "rates": {"a": 1e6, "b": 2e3},
+        "compile_seconds": {"a": 1.4, "b": 2.0},
+    }
     record = {
         "date": "today",
         "commit": "c0ffee",

@@ -31,14 +31,18 @@ def asleep(tmp_path, monkeypatch):
 
 
 def child(program: str) -> subprocess.Popen[str]:
-    return subprocess.Popen([sys.executable, "-u", "-c", program], stdout=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        [sys.executable, "-u", "-c", program], stdout=subprocess.PIPE, text=True
+    )
 
 
 def test_a_child_that_sleeps_is_killed_and_named(impatient):
     process = child("import time; print('first'); time.sleep(1000)")
     listener = patience.Listener(process, "part x")
     assert listener.next_line() == "first\n"
-    with pytest.raises(patience.Hung, match=r"^part x hung: silent for \d+ s, 0\.\d s of CPU in the last \d s$"):
+    with pytest.raises(
+        patience.Hung, match=r"^part x hung: silent for \d+ s, 0\.\d s of CPU in the last \d s$"
+    ):
         listener.next_line()
     assert process.wait(10) == -signal.SIGKILL
 
@@ -71,7 +75,9 @@ def test_the_benchmark_goes_on_without_the_parts_that_hang(tmp_path, monkeypatch
     monkeypatch.setattr(worker.Worker, "repeat", stop_numpy)
     file = tmp_path / "bench.json"
     only = ["--only", "numpy", "memory", "mujoco", "start"]
-    monkeypatch.setattr(sys, "argv", ["bench", "--tiny", "--rounds", "3", "--json", str(file), *only])
+    monkeypatch.setattr(
+        sys, "argv", ["bench", "--tiny", "--rounds", "3", "--json", str(file), *only]
+    )
     begun = time.monotonic()
     assert throughput.main() == 1
     assert time.monotonic() - begun < 100.0
@@ -88,7 +94,9 @@ def test_the_benchmark_goes_on_without_the_parts_that_hang(tmp_path, monkeypatch
 
 def test_a_benchmark_without_a_hang_ends_with_0(tmp_path, monkeypatch):
     file = str(tmp_path / "bench.json")
-    monkeypatch.setattr(sys, "argv", ["bench", "--tiny", "--rounds", "1", "--json", file, "--only", "memory"])
+    monkeypatch.setattr(
+        sys, "argv", ["bench", "--tiny", "--rounds", "1", "--json", file, "--only", "memory"]
+    )
     assert throughput.main() == 0
 
 
@@ -111,7 +119,9 @@ def test_a_start_that_hangs_is_ended(tmp_path, impatient, asleep):
 @pytest.mark.slow
 def test_a_part_tells_that_it_is_alive_after_each_program(monkeypatch):
     heard, next_line = [], patience.Listener.next_line
-    monkeypatch.setattr(patience.Listener, "next_line", lambda self: heard.append(next_line(self)) or heard[-1])
+    monkeypatch.setattr(
+        patience.Listener, "next_line", lambda self: heard.append(next_line(self)) or heard[-1]
+    )
     with worker.Worker("step", TINY) as part:
         assert heard.count('"alive"\n') == 6  # compiled and called, three programs
         assert len(part.repeat()) == 3

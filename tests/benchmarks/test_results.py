@@ -12,13 +12,30 @@ PAPER = Size()
 
 def record(*rounds: dict[str, float], **more) -> dict:
     parts = {
-        name: {"work": {}, "compile_seconds": {}, "peak_mib": 1.0, "facts": {"num_seeds": 2, "devices": 2}}
+        name: {
+            "work": {},
+            "compile_seconds": {},
+            "peak_mib": 1.0,
+            "facts": {"num_seeds": 2, "devices": 2},
+        }
         for name in {key.split("/")[0] for rates in rounds for key in rates}
     }
     for key in rounds[0] if rounds else ():
         parts[key.split("/")[0]]["work"][key.split("/")[1]] = 48_000
-    head = {"date": "2026-01-02T03:04:05+00:00", "commit": "abc", "machine": {"name": "a machine"}, "versions": {}}
-    made = {**head, "environment": {}, "repetitions": len(rounds), "seconds": 60.0, "cold": True, "load": None}
+    head = {
+        "date": "2026-01-02T03:04:05+00:00",
+        "commit": "abc",
+        "machine": {"name": "a machine"},
+        "versions": {},
+    }
+    made = {
+        **head,
+        "environment": {},
+        "repetitions": len(rounds),
+        "seconds": 60.0,
+        "cold": True,
+        "load": None,
+    }
     made |= {"size": {**vars(PAPER)}, "parts": parts, "rounds": list(rounds), **more}
     return made | derive(made)
 
@@ -28,14 +45,23 @@ def products_at(rate: float, part: str) -> dict[str, float]:
 
 
 def test_five_megaflop_a_step():
-    # A policy's products 2 (35 256 + 256 128 + 128 4) = 84,480, a value's 83,712: four networks 336,384 forward; their
-    # inputs' gradients, without the first layers', 4 2 256 128 + 2 2 128 (4 + 1) = 264,704. Five epochs:
-    assert mflop_per_step(PAPER) == (336_384 + 5 * (2 * 336_384 + 264_704)) / 1e6 == pytest.approx(5.0, abs=0.05)
+    # A policy's products 2 (35 256 + 256 128 + 128 4) = 84,480, a value's 83,712: four networks
+    # 336,384 forward; their inputs' gradients, without the first layers', 4 2 256 128 + 2 2 128 (4
+    # + 1) = 264,704. Five epochs:
+    assert (
+        mflop_per_step(PAPER)
+        == (336_384 + 5 * (2 * 336_384 + 264_704)) / 1e6
+        == pytest.approx(5.0, abs=0.05)
+    )
 
 
 def test_the_floor_takes_the_faster_library():
-    assert floor({"numpy/cube": 150.0, "xla/cube": 140.0}, PAPER) == pytest.approx(150e9 / 5.023744e6)
-    assert floor({"numpy/cube": 100.0, "xla/cube": 140.0}, PAPER) == pytest.approx(140e9 / 5.023744e6)
+    assert floor({"numpy/cube": 150.0, "xla/cube": 140.0}, PAPER) == pytest.approx(
+        150e9 / 5.023744e6
+    )
+    assert floor({"numpy/cube": 100.0, "xla/cube": 140.0}, PAPER) == pytest.approx(
+        140e9 / 5.023744e6
+    )
 
 
 def test_where_all_shapes_run_at_one_rate_the_floor_at_the_shapes_is_the_floor():
@@ -52,7 +78,12 @@ def test_a_fifth_of_the_chunks_frozen_mixes_times_not_rates():
 
 def test_ratios_are_taken_within_a_round():
     # A host that slows down by half in the second round: the ratio does not notice, the rates do.
-    one = {"step-cores/environment": 400.0, "step/plain data": 100.0, "mujoco/lean": 200.0, "mujoco/full": 100.0}
+    one = {
+        "step-cores/environment": 400.0,
+        "step/plain data": 100.0,
+        "mujoco/lean": 200.0,
+        "mujoco/full": 100.0,
+    }
     made = record(one, {name: rate / 2 for name, rate in one.items()})
     ratio = made["ratios"]["environment / plain mjx.Data, one program"]
     assert (ratio["min"], ratio["median"], ratio["max"], ratio["least"]) == (4.0, 4.0, 4.0, 4.0)

@@ -12,27 +12,43 @@ from benchmarks.size import TINY
 from benchmarks.tables import markdown
 from dronecombat_jax.machine import backend
 
-PROMISED = {"schema", "date", "commit", "machine", "versions", "environment", "size", "cold", "repetitions"}
+PROMISED = {
+    "schema",
+    "date",
+    "commit",
+    "machine",
+    "versions",
+    "environment",
+    "size",
+    "cold",
+    "repetitions",
+}
 PROMISED |= {"parts", "rounds", "rates", "floors", "ratios", "split", "load", "seconds"}
 
 
 def test_parts_take_turns_and_the_record_has_what_it_promises(monkeypatch):
     order, repeat = [], worker.Worker.repeat
-    monkeypatch.setattr(worker.Worker, "repeat", lambda self: order.append(self.name) or repeat(self))
+    monkeypatch.setattr(
+        worker.Worker, "repeat", lambda self: order.append(self.name) or repeat(self)
+    )
     record = json.loads(json.dumps(throughput.measure(["numpy", "memory", "mujoco"], TINY, 2)))
     assert record.keys() >= PROMISED
     assert order == ["numpy", "memory", "mujoco", "mujoco", "memory", "numpy"]
     assert record["versions"].keys() >= {"python", "numpy", "jax", "mujoco", "mujoco-mjx"}
     assert "kernel" in record["parts"]["numpy"]["facts"]["blas"]
     for name, figure in record["rates"].items():
-        assert len(figure["values"]) == 2 and 0.0 < figure["min"] <= figure["median"] <= figure["max"], name
+        assert (
+            len(figure["values"]) == 2 and 0.0 < figure["min"] <= figure["median"] <= figure["max"]
+        ), name
     text = markdown(record)
     assert "35x8 weight gradient" in text and "lean model" in text and "triad" in text
 
 
 def test_a_part_that_dies_says_why(monkeypatch):
     monkeypatch.setitem(worker.KINDS, "broken", worker.Kind("ceilings:no_such_function"))
-    with pytest.raises(RuntimeError, match=r"part broken died \(exit code 1\)[\s\S]*KeyError: 'broken'"):
+    with pytest.raises(
+        RuntimeError, match=r"part broken died \(exit code 1\)[\s\S]*KeyError: 'broken'"
+    ):
         worker.Worker("broken", TINY)
 
 
@@ -42,14 +58,19 @@ def test_numpy_is_measured_with_the_kernel_that_it_chooses(monkeypatch):
     alone = worker.environment(worker.KINDS["numpy-1"], "somewhere")
     assert not set(worker.OPENBLAS_OVERRIDES) & alone.keys()
     assert (alone["OPENBLAS_NUM_THREADS"], alone["DRONECOMBAT_CACHE"]) == ("1", "somewhere")
-    assert set(worker.OPENBLAS_OVERRIDES) <= worker.environment(worker.KINDS["ippo"], "somewhere").keys()
+    assert (
+        set(worker.OPENBLAS_OVERRIDES)
+        <= worker.environment(worker.KINDS["ippo"], "somewhere").keys()
+    )
 
 
 def test_xla_contracts_what_numpy_multiplies():
     for product in products(TINY):
         multiply, left, right = contraction(product)
         out = np.zeros((product.left.shape[0], product.right.shape[1]), np.float32)
-        np.testing.assert_allclose(multiply(left, right, out), product.left @ product.right, rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(
+            multiply(left, right, out), product.left @ product.right, rtol=1e-4, atol=1e-5
+        )
 
 
 def test_a_bad_flag_is_one_line(monkeypatch, capsys):
@@ -67,11 +88,15 @@ def test_what_cannot_fit_is_not_begun():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name, kind in worker.KINDS.items() if "ceilings" not in kind.build])
+@pytest.mark.parametrize(
+    "name", [name for name, kind in worker.KINDS.items() if "ceilings" not in kind.build]
+)
 def test_every_part_builds_and_repeats(name):
     with worker.Worker(name, TINY, backend.cache_dir()) as part:
         rates = part.repeat()
-        assert rates.keys() == part.ready["units"].keys() and all(rate > 0.0 for rate in rates.values())
+        assert rates.keys() == part.ready["units"].keys() and all(
+            rate > 0.0 for rate in rates.values()
+        )
         assert part.ready["peak_mib"] > 10.0
 
 

@@ -1,51 +1,17 @@
 """Commands, flags, messages and exit codes; training itself is replaced, and JAX is never imported."""
 
-import os
-import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 
 import pytest
 from drones import SMALL, write
 
-from dronecombat_jax import arena, machine, report, runs, tournaments
-from dronecombat_jax import cli as commands_room
 from dronecombat_jax.cli import commands as cli
 from dronecombat_jax.cli import train
 from dronecombat_jax.config import flags, settings
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.config.setting import setting
-from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, EXIT_STOPPED, UserError
+from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, EXIT_STOPPED
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture(autouse=True)
-def rooms(monkeypatch, tmp_path):
-    """Stand-ins for the rooms that import JAX; `calls` lists what the commands asked of them."""
-    calls: list[tuple] = []
-
-    def stand_in(package: ModuleType, name: str, **functions) -> None:
-        module = SimpleNamespace(**functions)
-        monkeypatch.setitem(sys.modules, f"{package.__name__}.{name}", module)
-        monkeypatch.setattr(package, name, module, raising=False)
-
-    def record(name: str, code: int = 0):
-        def call(*args, **kwargs) -> int:
-            calls.append((name, *args, kwargs) if kwargs else (name, *args))
-            return code
-
-        return call
-
-    stand_in(machine, "backend", prepare=record("prepare"), cores=lambda: 2)
-    stand_in(commands_room, "doctor", doctor=record("doctor", 2), doctor_mjcf=record("doctor_mjcf"))
-    stand_in(runs, "training", train=record("train", EXIT_STOPPED))
-    match = lambda *asked: ("match", *asked)
-    stand_in(runs, "evaluation", evaluate=record("evaluate"), Match=match)
-    monkeypatch.chdir(tmp_path)
-    return SimpleNamespace(calls=calls, stand_in=stand_in)
 
 
 def trained(rooms, *args: str) -> Config:
@@ -85,7 +51,11 @@ def test_flags_win_over_the_preset(rooms):
         "--learn.learning-rate=1e-3", "--learn.initial_log_std", "-1e0", "--game.crash-rule", "out",
         "--run.video", "--game.no-swept-events", "--train.total-steps", "10_000",
     )  # fmt: skip
-    assert (config.train.num_envs, config.train.total_steps, config.learn.hidden_sizes) == (96, 10_000, (8, 16))
+    assert (config.train.num_envs, config.train.total_steps, config.learn.hidden_sizes) == (
+        96,
+        10_000,
+        (8, 16),
+    )
     assert (config.learn.learning_rate, config.learn.initial_log_std) == (1e-3, -1.0)
     assert (config.game.crash_rule, config.game.swept_events) == ("out", False)
     assert config.run.video  # False in the preset and True by default: the flag was still given
@@ -106,7 +76,9 @@ def test_a_fork_is_a_new_run_from_a_named_one(rooms):
     assert second == ["ippo-duel", 3]
 
 
-def test_an_own_drone_is_named_by_its_whole_path_and_read_before_there_is_a_run(rooms, capsys, tmp_path):
+def test_an_own_drone_is_named_by_its_whole_path_and_read_before_there_is_a_run(
+    rooms, capsys, tmp_path
+):
     """A run is gone on with, and looked at, from any folder."""
     write(tmp_path)
     assert trained(rooms, "--sim.mjcf", "drone.xml").sim.mjcf == str(tmp_path / "drone.xml")
@@ -151,7 +123,11 @@ def test_every_setting_has_a_flag():
         expected[key] = value
         words = [str(item) for item in value] if isinstance(value, tuple) else [str(value)]
         args += [settings.flag(key)] + ([] if entry.kind == "bool" else words)
-        off += ["--{}.no-{}".format(*settings.flag(key)[2:].split("."))] if entry.kind == "bool" else []
+        off += (
+            ["--{}.no-{}".format(*settings.flag(key)[2:].split("."))]
+            if entry.kind == "bool"
+            else []
+        )
     assert flags.parse(train.TrainFlags, args, "train", aliases=train.SHORT_FLAGS) == (expected, [])
     switches = {key: False for key, entry in settings.SCHEMA.items() if entry.kind == "bool"}
     assert flags.parse(train.TrainFlags, off, "train") == (switches, [])
@@ -168,30 +144,63 @@ def test_every_setting_has_a_flag():
         ("--zzzzzz=3", "--zzzzzz: unknown flag; --help lists them all"),
         ("-q", "-q: unknown flag; --help lists them all"),
         ("extra", '"extra": belongs to no flag'),
-        ("--run.video false", '"false": an on-off flag takes no value; write --run.video or --run.no-video'),
-        ("--run.video=false", '"false": an on-off flag takes no value; write --run.video or --run.no-video'),
-        ("--run.no_video yes", '"yes": an on-off flag takes no value; write --run.video or --run.no-video'),
+        (
+            "--run.video false",
+            '"false": an on-off flag takes no value; write --run.video or --run.no-video',
+        ),
+        (
+            "--run.video=false",
+            '"false": an on-off flag takes no value; write --run.video or --run.no-video',
+        ),
+        (
+            "--run.no_video yes",
+            '"yes": an on-off flag takes no value; write --run.video or --run.no-video',
+        ),
         ("--seed", "--train.seed: the value is missing"),
         ("--seed --name x", "--train.seed: the value is missing"),
-        ("--learn.hidden-sizes", "--learn.hidden-sizes []: must be a list of 1 to 16 integers from 1 to 8192"),
+        (
+            "--learn.hidden-sizes",
+            "--learn.hidden-sizes []: must be a list of 1 to 16 integers from 1 to 8192",
+        ),
         ("--learn.hidden-sizes 32 a", '--learn.hidden-sizes [32, "a"]: must be a list'),
         ("--seed x", "--train.seed x: must be an integer from 0 to 2147483647"),
         ("--seed -1", "--train.seed -1: must be an integer from 0 to 2147483647"),
         ("--seed=", '--train.seed "": must be an integer from 0 to 2147483647'),
         ("--seed 1.5", "--train.seed 1.5: must be an integer from 0 to 2147483647"),
         ("--seed \u0663", "--train.seed \u0663: must be an integer from 0 to 2147483647"),
-        ("--steps 2e7", "--train.total-steps 2e7: must be an integer from 1 to 1000000000000; write 20000000"),
-        ("--learn.learning-rate nan", "--learn.learning-rate nan: must be a number above 0, at most 1"),
-        ("--learn.learning-rate inf", "--learn.learning-rate inf: must be a number above 0, at most 1"),
-        ("--learn.learning-rate 1e999", "--learn.learning-rate inf: must be a number above 0, at most 1"),
-        ("--learn.learning-rate 0", "--learn.learning-rate 0.0: must be a number above 0, at most 1"),
+        (
+            "--steps 2e7",
+            "--train.total-steps 2e7: must be an integer from 1 to 1000000000000; write 20000000",
+        ),
+        (
+            "--learn.learning-rate nan",
+            "--learn.learning-rate nan: must be a number above 0, at most 1",
+        ),
+        (
+            "--learn.learning-rate inf",
+            "--learn.learning-rate inf: must be a number above 0, at most 1",
+        ),
+        (
+            "--learn.learning-rate 1e999",
+            "--learn.learning-rate inf: must be a number above 0, at most 1",
+        ),
+        (
+            "--learn.learning-rate 0",
+            "--learn.learning-rate 0.0: must be a number above 0, at most 1",
+        ),
         ("--game.crash-rule end", "--game.crash-rule end: must be one of ends, out, grounded"),
         ("--device cuda", "--run.device cuda: must be one of auto, cpu, gpu, tpu"),
         ("--preset duell", '--preset "duell": no such preset; did you mean duel?'),
         ("--preset none.toml", "none.toml: no such file"),
         ("--fork-chunk 3", "--fork-chunk needs --fork NEW_NAME"),
-        ("--fork new --fork-chunk 1.5", "--fork-chunk 1.5: must be an integer from -1 to 1000000000"),
-        ("--learn.minibatches 7", "nearest that fit: learn.minibatches 6 or 8, train.num_envs 994 or 1001"),
+        (
+            "--fork new --fork-chunk 1.5",
+            "--fork-chunk 1.5: must be an integer from -1 to 1000000000",
+        ),
+        (
+            "--learn.minibatches 7",
+            "nearest that fit: learn.minibatches 6 or 8, train.num_envs 994 or 1001",
+        ),
         ("--train.num-envs 1000000 --learn.rollout-steps 2400", "of memory, and this machine has"),
     ],
 )
@@ -226,7 +235,22 @@ def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
     (tmp_path / "runs" / "mine").mkdir(parents=True)
     (tmp_path / "elsewhere").mkdir()
     assert cli.main(["evaluate", "mine"]) == 0
-    assert cli.main(["evaluate", "elsewhere", "--fights", "3", "--chunk", "0", "--seed", "9", "--stochastic"]) == 0
+    assert (
+        cli.main(
+            [
+                "evaluate",
+                "elsewhere",
+                "--fights",
+                "3",
+                "--chunk",
+                "0",
+                "--seed",
+                "9",
+                "--stochastic",
+            ]
+        )
+        == 0
+    )
     assert rooms.calls == [
         ("prepare", "auto", 1),
         ("evaluate", Path("runs/mine"), ("match", 0, 0, False, "", "", ""), None),
@@ -238,7 +262,12 @@ def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
 def test_evaluate_puts_a_scripted_pilot_in_one_place(rooms, tmp_path):
     (tmp_path / "runs" / "mine").mkdir(parents=True)
     assert cli.main(["evaluate", "mine", "--attacker", "dash", "--spawn", "fixed"]) == 0
-    assert rooms.calls[1] == ("evaluate", Path("runs/mine"), ("match", 0, 0, False, "", "dash", "fixed"), None)
+    assert rooms.calls[1] == (
+        "evaluate",
+        Path("runs/mine"),
+        ("match", 0, 0, False, "", "dash", "fixed"),
+        None,
+    )
 
 
 @pytest.mark.parametrize(
@@ -271,126 +300,4 @@ def test_doctor_gives_its_own_exit_code(rooms):
 # The program around the commands
 
 
-@pytest.mark.parametrize("args", [["--help"], ["-h"], ["help"]])
-def test_help_lists_every_command(capsys, args):
-    assert cli.main(args) == 0
-    out = capsys.readouterr().out
-    for name, command in cli.COMMANDS.items():
-        assert f"  {name} " in out and (command.__doc__ or "?") in out
-
-
-def test_without_a_command_the_usage_is_shown(capsys):
-    assert cli.main([]) == EXIT_CONFIG
-    assert "usage: dronecombat COMMAND" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("word", "hint"), [("trian", "did you mean train?"), ("zzz", "commands: train, evaluate, "), ("--seed", "commands")]
-)  # fmt: skip
-def test_an_unknown_command(capsys, word, hint):
-    (line,) = refused(capsys, word)
-    assert line.startswith(f"{word}: unknown command; ") and hint in line
-
-
-@pytest.mark.parametrize("command", cli.COMMANDS)
-def test_every_command_has_help(capsys, command):
-    assert cli.main([command, "--help"]) == 0
-    assert f"usage: dronecombat {command}" in capsys.readouterr().out
-
-
-def test_help_of_train_has_every_setting_with_its_words(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "100")
-    assert cli.main(["train", "--help"]) == 0
-    out = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    for key, entry in settings.SCHEMA.items():
-        assert settings.flag(key) in out and entry.explained in out
-    assert "physics step [s, from 0.0001 to 0.05] (default: 0.01)" in out
-
-
-def test_a_command_is_one_function_and_one_line(monkeypatch, capsys):
-    @dataclass(frozen=True)
-    class GreetFlags:
-        """Say hello."""
-
-        times: int = setting(1, "how often", low=1, high=3)
-
-    def greet(args) -> int:
-        """say hello"""
-        print("hello " * flags.read(GreetFlags, args, "dronecombat greet").times)
-        return 0
-
-    monkeypatch.setitem(cli.COMMANDS, "greet", greet)
-    assert cli.main(["greet", "--times", "2"]) == 0
-    assert capsys.readouterr().out == "hello hello \n"
-    assert refused(capsys, "greet", "--times", "4") == ["--times 4: must be an integer from 1 to 3"]
-
-
-def test_errors_from_inside_a_command_keep_their_code(rooms, capsys):
-    def broken(config):
-        raise UserError("runs/mine: cannot be written", 73)
-
-    rooms.stand_in(runs, "training", train=broken)
-    assert cli.main(["train"]) == 73
-    assert capsys.readouterr().err == "error: runs/mine: cannot be written\n"
-
-
-def test_an_interrupt_is_no_traceback(rooms, capsys):
-    def interrupted(config):
-        raise KeyboardInterrupt
-
-    rooms.stand_in(runs, "training", train=interrupted)
-    assert cli.main(["train"]) == 130
-    assert capsys.readouterr().err == "stopped\n"
-
-
 # As a program
-
-
-def program(*args: str, **kwargs) -> subprocess.CompletedProcess:
-    """Run Python with the checkout importable."""
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
-    return subprocess.run([sys.executable, *args], env=environment, capture_output=True, text=True, **kwargs)
-
-
-@pytest.mark.parametrize(
-    "args", [["--help"], ["train", "--help"], ["evaluate", "--help"], ["train", "--seed", "x"], ["train", "--print-config"]]
-)  # fmt: skip
-def test_help_and_bad_input_import_neither_jax_nor_mujoco(args):
-    code = (
-        "import sys; from dronecombat_jax.cli.commands import main; main(sys.argv[1:]);"
-        "sys.stderr.write(f\"heavy: {sorted({'jax', 'mujoco', 'flax', 'numpy', 'matplotlib'} & sys.modules.keys())}\")"
-    )
-    assert program("-c", code, *args).stderr.endswith("heavy: []")
-
-
-@pytest.mark.parametrize("module", ["dronecombat_jax", "dronecombat_jax.cli.commands"])
-def test_runs_as_a_module(module):
-    result = program("-m", module, "train", "--seed", "x")
-    assert (result.returncode, result.stdout) == (EXIT_CONFIG, "")
-    assert result.stderr == "error: --train.seed x: must be an integer from 0 to 2147483647\n"
-
-
-def test_a_reader_that_leaves_is_no_traceback():
-    reading, writing = os.pipe()
-    os.close(reading)
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
-    command = [sys.executable, "-m", "dronecombat_jax", "train", "--print-config"]
-    result = subprocess.run(command, env=environment, stdout=writing, stderr=subprocess.PIPE, text=True)
-    os.close(writing)
-    assert "Traceback" not in result.stderr and "Exception" not in result.stderr
-
-
-def test_report_and_compare_hand_over_their_words(rooms, capsys):
-    calls = rooms.calls
-    say = lambda name: lambda *args, **kwargs: calls.append((name, args, kwargs)) or 0
-    rooms.stand_in(report, "tournament_report", report=say("report"))
-    rooms.stand_in(tournaments, "comparison", compare=say("compare"))
-    rooms.stand_in(arena, "rectangle", Rules=lambda *rules: rules)
-    assert cli.main(["report", "joint", "--out", "there"]) == 0
-    assert cli.main(["compare", "a", "b", "--by", "preset", "c", "--episodes", "7"]) == 0
-    assert [call[0] for call in calls] == ["prepare", "report", "prepare", "compare"]
-    assert calls[1][1] == ("joint", Path("there"))
-    _, (words, rules), options = calls[3]
-    assert words == ["a", "b", "c"] and rules == (7, 0, False)
-    assert (options["by"], options["every"], options["name"]) == ("preset", 10, "")
-    assert refused(capsys, "compare", "a", "--bye", "x")[0].startswith("--bye: unknown flag")

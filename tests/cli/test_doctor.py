@@ -16,7 +16,9 @@ def test_doctor_passes_here_but_for_what_is_missing(capsys):
     expected = EXIT_CONFIG if rendering.fault() else 0
     assert doctor.doctor() == expected
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines if " FAIL " in line] == ["rendering"] * (expected != 0)
+    assert [line.split()[0] for line in lines if " FAIL " in line] == ["rendering"] * (
+        expected != 0
+    )
 
 
 def test_doctor_goes_on_after_a_broken_check(monkeypatch, capsys):
@@ -38,7 +40,10 @@ def test_doctor_says_what_keeps_jax_from_starting(monkeypatch, capsys):
     lines = capsys.readouterr().out.splitlines()
     failed = [line for line in lines if " FAIL " in line]
     assert [line.split()[0] for line in failed] == ["devices", "physics"]
-    assert all("JAX does not start with JAX_PLATFORMS='cuda' (there is no such device" in line for line in failed)
+    assert all(
+        "JAX does not start with JAX_PLATFORMS='cuda' (there is no such device" in line
+        for line in failed
+    )
 
 
 def test_doctor_names_a_known_bad_jax_and_its_remedy(monkeypatch, capsys):

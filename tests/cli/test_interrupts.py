@@ -1,8 +1,8 @@
 """Ctrl-C and SIGTERM at any moment of a command: 130 or 75, never swallowed, never a traceback.
 
-A real training is interrupted, at times and in its phases. Judged is the outcome, not the time: on a
-busy machine the same moment is another phase. While Python itself starts, before this package's first
-line, it answers by itself; the kernel says whether a process is past that (`guarded`).
+A real training is interrupted, at times and in its phases. Judged is the outcome, not the time: on
+a busy machine the same moment is another phase. While Python itself starts, before this package's
+first line, it answers by itself; the kernel says whether a process is past that (`guarded`).
 """
 
 import signal
@@ -33,7 +33,9 @@ class Command:
         folder.mkdir(exist_ok=True)
         self.run, self._out = folder / "runs" / "ippo-smoke", (folder / "out").open("w+")
         self._err = (folder / "err").open("w+")
-        self.process = subprocess.Popen([*COMMAND, *flags], cwd=folder, stdout=self._out, stderr=self._err)
+        self.process = subprocess.Popen(
+            [*COMMAND, *flags], cwd=folder, stdout=self._out, stderr=self._err
+        )
 
     def guarded(self) -> bool:
         """Whether the package has settled what signals do: Python itself never catches SIGTERM."""
@@ -41,7 +43,9 @@ class Command:
             status = Path(f"/proc/{self.process.pid}/status").read_text()
         except OSError:
             return False
-        (caught,) = (int(line.split()[1], 16) for line in status.splitlines() if line.startswith("SigCgt:"))
+        (caught,) = (
+            int(line.split()[1], 16) for line in status.splitlines() if line.startswith("SigCgt:")
+        )
         return bool(caught >> (signal.SIGTERM - 1) & 1)
 
     def wait_for(self, ready: Callable[["Command"], bool]) -> None:
@@ -61,11 +65,15 @@ class Command:
         out, err = self.printed()
         assert code != 0, f"swallowed\n{out}"
         if guarded:
-            assert code in ((EXIT_INTERRUPTED, EXIT_STOPPED) if number == signal.SIGINT else (EXIT_STOPPED,)), err
+            assert code in (
+                (EXIT_INTERRUPTED, EXIT_STOPPED) if number == signal.SIGINT else (EXIT_STOPPED,)
+            ), err
             assert "Traceback" not in err and "Exception" not in err and "Abort" not in err, err
             assert err.splitlines() == ["stopped"] or f"{number.name}: saving and stopping" in out
         else:
-            own = err.replace("dronecombat_jax/__main__.py", "").replace("dronecombat_jax/__init__.py", "")
+            own = err.replace("dronecombat_jax/__main__.py", "").replace(
+                "dronecombat_jax/__init__.py", ""
+            )
             assert "dronecombat_jax/" not in own, err
         return code
 
@@ -92,7 +100,9 @@ def says(words: str) -> Callable[[Command], bool]:
 def saves(command: Command) -> bool:
     """A checkpoint is being written, and not the untrained one."""
     folder = command.run / "checkpoints"
-    return (folder / "0").is_dir() and any(path.name.startswith(".tmp-") for path in folder.iterdir())
+    return (folder / "0").is_dir() and any(
+        path.name.startswith(".tmp-") for path in folder.iterdir()
+    )
 
 
 PHASES = {
@@ -119,7 +129,9 @@ def test_an_interrupt_in_the_first_seconds(begin, tmp_path, seconds):
 def test_a_signal_from_the_first_line_on_ends_the_command(begin, tmp_path, number):
     command = begin(tmp_path)
     command.wait_for(Command.guarded)
-    assert command.interrupt(number) == (EXIT_INTERRUPTED if number == signal.SIGINT else EXIT_STOPPED)
+    assert command.interrupt(number) == (
+        EXIT_INTERRUPTED if number == signal.SIGINT else EXIT_STOPPED
+    )
 
 
 @pytest.mark.slow

@@ -1,4 +1,6 @@
-"""`dronecombat tournament`: which words are entrants and which belong to flags; the tournament itself is replaced."""
+"""`dronecombat tournament`: which words are entrants and which belong to flags; the tournament
+itself is replaced.
+"""
 
 import sys
 from types import SimpleNamespace

@@ -25,12 +25,19 @@ def held(size: int, defender=HOVER, attacker=HOVER) -> np.ndarray:
 
 def place(state: EnvState, fight: int, **changes) -> EnvState:
     """The state with parts of one fight replaced, e.g. `attacker=(x, y, z)`."""
-    columns = {"defender": ("qpos", 0), "attacker": ("qpos", 7), "defender_v": ("qvel", 0), "attacker_v": ("qvel", 6)}
+    columns = {
+        "defender": ("qpos", 0),
+        "attacker": ("qpos", 7),
+        "defender_v": ("qvel", 0),
+        "attacker_v": ("qvel", 6),
+    }
     for name, value in changes.items():
         if name in columns:
             leaf, first = columns[name]
             column = slice(first, first + len(value))
-            state = state.replace(**{leaf: getattr(state, leaf).at[fight, column].set(jnp.array(value, jnp.float32))})
+            state = state.replace(
+                **{leaf: getattr(state, leaf).at[fight, column].set(jnp.array(value, jnp.float32))}
+            )
         else:
             state = state.replace(**{name: getattr(state, name).at[fight].set(value)})
     return state
@@ -43,10 +50,18 @@ def test_every_end_in_flight(arena: SimpleNamespace, fresh: EnvState):
     state = place(state, 1, attacker=(5, 4.45, 1), target=(5, 5, 1), attacker_v=(0, 5, 0))
     state = place(state, 2, defender=(0, 5, 0.21), defender_v=(0, 0, -2))
     state = place(state, 3, attacker=(0, 0, 0.21), attacker_v=(0, 0, -2))
-    state = place(state, 4, attacker=(0, 0, 0.21), attacker_v=(0, 0, -2), defender=(0, 5, 0.21), defender_v=(0, 0, -2))
+    state = place(
+        state,
+        4,
+        attacker=(0, 0, 0.21),
+        attacker_v=(0, 0, -2),
+        defender=(0, 5, 0.21),
+        defender_v=(0, 0, -2),
+    )
     state = place(state, 5, clock=499)
     state = place(state, 6, clock=498)
-    state = place(state, 7, attacker=(0, 3, 1), defender=(0, 5, 1), attacker_v=(0, 200, 0))  # tunnels: 4 m in a step
+    # tunnels: 4 m in a step
+    state = place(state, 7, attacker=(0, 3, 1), defender=(0, 5, 1), attacker_v=(0, 200, 0))
     after, output = arena.step(state, held(8))
     expected = [
         "INTERCEPT",
@@ -109,8 +124,12 @@ def test_actions_are_clipped(arena: SimpleNamespace, fresh: EnvState):
     )
 
 
-def test_a_defender_that_is_out_leaves_the_attacker_to_finish(arena: SimpleNamespace, fresh: EnvState):
-    """Crash rule `out`, time-out for the defender: the attacker flies on, and running out of time decides."""
+def test_a_defender_that_is_out_leaves_the_attacker_to_finish(
+    arena: SimpleNamespace, fresh: EnvState
+):
+    """Crash rule `out`, time-out for the defender: the attacker flies on, and running out of time
+    decides.
+    """
     config = arena.combat.config
     config = replace(config, game=replace(config.game, crash_rule="out", timeout_rule="defender"))
     step = jax.jit(jax.vmap(Combat(config, arena.combat.scene).step))
@@ -125,4 +144,6 @@ def test_a_defender_that_is_out_leaves_the_attacker_to_finish(arena: SimpleNames
     assert names(output.cause[:3]) == ["NONE", "REACHED", "TIMEOUT"]
     assert output.terminated[2] and not output.truncated[2]
     np.testing.assert_array_equal(output.reward_terms.timeout[2], [300, -300])
-    np.testing.assert_array_equal(output.reward[:3, 0] - output.reward_terms.timeout[:3, 0], [0, -300, 0])
+    np.testing.assert_array_equal(
+        output.reward[:3, 0] - output.reward_terms.timeout[:3, 0], [0, -300, 0]
+    )

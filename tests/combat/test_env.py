@@ -1,4 +1,6 @@
-"""The environment: its contract, its start, and one broken fight among sound ones. How fights end: `test_ends`."""
+"""The environment: its contract, its start, and one broken fight among sound ones. How fights end:
+`test_ends`.
+"""
 
 from types import SimpleNamespace
 
@@ -9,14 +11,17 @@ import pytest
 from jax.errors import KeyReuseError
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config.fields import Config, GameConfig, TrainConfig
+from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, EnvState
 
 NEVER = np.zeros(1000, bool)  # alone
 
 
 def test_mjx_is_loaded_by_the_first_flight_and_bound_to_no_trace(arena: SimpleNamespace):
-    """Starts and observations do without. What is made inside a trace must hold constants: an array of that trace has no value later."""
+    """Starts and observations do without.
+
+    What is made inside a trace must hold constants: an array of that trace has no value later.
+    """
     combat = Combat(Config(), arena.combat.scene)
     state = jax.eval_shape(combat.reset, jax.random.key(0))
     jax.eval_shape(combat.observe, state)
@@ -25,7 +30,8 @@ def test_mjx_is_loaded_by_the_first_flight_and_bound_to_no_trace(arena: SimpleNa
     fly = jax.jit(combat._fly, compiler_options={"xla_backend_optimization_level": 0})
     level = jnp.tile(jnp.asarray([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]), 2)
     _, qvel = fly(level, jnp.zeros(12), -jnp.ones((2, 4)))
-    np.testing.assert_allclose(qvel[2], -9.81 * combat.config.control_dt, rtol=1e-4)  # no thrust: it falls
+    # no thrust: it falls
+    np.testing.assert_allclose(qvel[2], -9.81 * combat.config.control_dt, rtol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +58,9 @@ def test_shapes_and_types_are_stable_under_every_switch(arena: SimpleNamespace, 
     assert not [leaf for leaf in jax.tree.leaves((state, after, output)) if leaf.weak_type]
     assert described(output.observation) == ((2, 35), "float32")
     assert described(jax.eval_shape(combat.observe, state)) == ((2, 35), "float32")
-    assert {described(leaf) for leaf in (output.reward, *output.reward_terms)} == {((2,), "float32")}
+    assert {described(leaf) for leaf in (output.reward, *output.reward_terms)} == {
+        ((2,), "float32")
+    }
     assert described((output.cause, output.terminated, output.truncated)) == (
         ((), "int32"), ((), "bool"), ((), "bool"),
     )  # fmt: skip
@@ -67,10 +75,15 @@ def test_contract_over_many_random_steps(arena: SimpleNamespace, fresh: EnvState
         state, output = arena.step(state, random.normal(size=(arena.size, 2, 4)).astype(np.float32))
         assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves((state, output)))
         assert not np.any(output.terminated & output.truncated)
-        np.testing.assert_array_equal(output.terminated | output.truncated, output.cause != Cause.NONE)
+        np.testing.assert_array_equal(
+            output.terminated | output.truncated, output.cause != Cause.NONE
+        )
         np.testing.assert_array_equal(output.truncated, output.cause == Cause.TIMEOUT)
-        np.testing.assert_allclose(output.observation, observe(state), rtol=1e-5, atol=1e-6)  # before any reset
-        np.testing.assert_allclose(output.reward, np.sum(np.array(output.reward_terms), axis=0), rtol=1e-5, atol=1e-5)
+        # before any reset
+        np.testing.assert_allclose(output.observation, observe(state), rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(
+            output.reward, np.sum(np.array(output.reward_terms), axis=0), rtol=1e-5, atol=1e-5
+        )
         np.testing.assert_array_equal(state.clock, before.clock + 1)
         ended |= {int(cause) for cause in output.cause}
     assert {Cause.NONE, Cause.TIMEOUT} < ended
@@ -104,92 +117,6 @@ def test_key_is_used_once(arena: SimpleNamespace):
         jax.jit(lambda key: combat.reset(key))(jax.random.key(0))
         with pytest.raises(KeyReuseError):  # so that the check can fail
             jax.jit(lambda key: (combat.reset(key), combat.draw(key, (3,))))(jax.random.key(0))
-
-
-@pytest.fixture(scope="module")
-def thousand(arena: SimpleNamespace) -> dict[str, EnvState]:
-    """A thousand starts of each kind."""
-    keys, starts = jax.random.split(jax.random.key(3), 1000), {}
-    games = {
-        "fixed": GameConfig(),
-        "uniform": GameConfig(spawn="uniform"),
-        "spread": GameConfig(spawn_spread=1.5),
-        "wide": GameConfig(spawn_spread=1.0, defender_spread=4.0),
-    }
-    for name, game in games.items():
-        combat = Combat(Config(game=game), arena.combat.scene)
-        starts[name] = jax.jit(jax.vmap(combat.reset))(keys)
-    return starts
-
-
-def places(state: EnvState) -> np.ndarray:
-    """Positions [N, 3, 3] of defender, attacker, target."""
-    return np.stack([state.qpos[:, 0:3], state.qpos[:, 7:10], state.target], axis=1)
-
-
-def test_start_is_the_papers(thousand: dict[str, EnvState]):
-    state = thousand["fixed"]
-    where = places(state)
-    np.testing.assert_array_equal(where[:, :, :2], np.tile([[0, 5], [0, 0], [5, 5]], (1000, 1, 1)))
-    assert_uniform(where[:, :, 2], 0.5, 1.5)
-    for leaf, expected in ((state.qpos[:, 3:7], [1, 0, 0, 0]), (state.qpos[:, 10:], [1, 0, 0, 0]), (state.qvel, 0)):
-        np.testing.assert_array_equal(leaf, np.broadcast_to(expected, leaf.shape))
-    assert not np.any(state.clock) and not np.any(state.out)
-
-
-def test_exploring_starts_move_over_ground_and_change_nothing_else(arena: SimpleNamespace):
-    """In training alone: `spawn`, by which evaluations and tournaments start, stays at rest."""
-    train = TrainConfig(start_speed=4.0)
-    combat = Combat(Config(train=train), arena.combat.scene)
-    draws = combat.draw_exploring(jax.random.key(5), (len(NEVER),))
-    moving, at_rest = jax.vmap(combat.explore)(draws, NEVER), jax.vmap(combat.spawn)(draws[:, :9])
-    velocity = np.asarray(moving.qvel).reshape(1000, 2, 2, 3)
-    assert_uniform(velocity[:, :, 0, :2].reshape(1000, 4), -4.0, 4.0)
-    assert not np.any(velocity[:, :, 0, 2]) and not np.any(velocity[:, :, 1])
-    jax.tree.map(np.testing.assert_array_equal, moving.replace(qvel=at_rest.qvel), at_rest)
-    assert not np.any(at_rest.qvel)
-
-    solo = Combat(Config(game=GameConfig(scenario="solo"), train=train), arena.combat.scene)
-    alone = jax.vmap(solo.explore)(draws, NEVER)  # the absent defender stands still
-    np.testing.assert_array_equal(alone.qvel, moving.qvel.at[:, :6].set(0.0))
-
-
-def test_without_start_speed_training_starts_as_the_game_does(arena: SimpleNamespace):
-    key = jax.random.key(5)
-    draws = arena.combat.draw_exploring(key, (8,))
-    np.testing.assert_array_equal(draws, arena.combat.draw(key, (8,)))
-    jax.tree.map(
-        np.testing.assert_array_equal,
-        jax.vmap(arena.combat.explore)(draws, NEVER[:8]),
-        jax.vmap(arena.combat.spawn)(draws),
-    )
-
-
-def test_uniform_start_fills_the_arena(thousand: dict[str, EnvState]):
-    where = places(thousand["uniform"])
-    assert_uniform(where[:, :, :2].reshape(1000, -1), -5.0, 5.0)
-    assert_uniform(where[:, :, 2], 0.5, 1.5)
-
-
-def test_a_spread_start_fills_a_square_around_each_of_the_papers_points(thousand: dict[str, EnvState]):
-    offset = places(thousand["spread"]) - [[0, 5, 0], [0, 0, 0], [5, 5, 0]]
-    assert_uniform(offset[:, :, :2].reshape(1000, -1), -1.5, 1.5)
-    assert_uniform(offset[:, :, 2], 0.5, 1.5)
-
-
-def test_the_defender_alone_may_start_in_a_wider_square(thousand: dict[str, EnvState]):
-    offset = places(thousand["wide"]) - [[0, 5, 0], [0, 0, 0], [5, 5, 0]]
-    assert_uniform(offset[:, 0, :2], -4.0, 4.0)
-    assert_uniform(offset[:, 1:, :2].reshape(1000, -1), -1.0, 1.0)
-
-
-def assert_uniform(columns: np.ndarray, low: float, high: float) -> None:
-    """Each of `columns` [N, K] is uniform and independent of the others."""
-    unit = (columns - low) / (high - low)
-    assert unit.min() >= 0.0 and unit.max() < 1.0
-    np.testing.assert_allclose(unit.mean(axis=0), 0.5, atol=0.05)  # 5 standard errors
-    np.testing.assert_allclose(np.quantile(unit, [0.1, 0.9], axis=0).T, [[0.1, 0.9]] * unit.shape[1], atol=0.05)
-    assert np.abs(np.corrcoef(unit.T) - np.eye(unit.shape[1])).max() < 0.16
 
 
 @pytest.mark.parametrize(
@@ -248,7 +175,9 @@ def test_an_invalid_action_comes_before_what_happens_in_flight_and_after_a_diver
 ):
     action = np.zeros((8, 2, 4), np.float32)
     action[3, DEFENDER] = np.nan
-    caught = fresh.replace(qpos=fresh.qpos.at[3, 7:9].set(fresh.qpos[3, :2]).at[3, 9].set(fresh.qpos[3, 2]))
+    caught = fresh.replace(
+        qpos=fresh.qpos.at[3, 7:9].set(fresh.qpos[3, :2]).at[3, 9].set(fresh.qpos[3, 2])
+    )
     assert arena.step(caught, action)[1].cause[3] == Cause.DEFENDER_INVALID
     assert arena.step(caught, np.zeros_like(action))[1].cause[3] == Cause.INTERCEPT
     broken = fresh.replace(qvel=fresh.qvel.at[3, 0].set(np.nan))

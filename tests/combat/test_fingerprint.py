@@ -8,9 +8,21 @@ import pytest
 from drones import SMALL, write
 
 from dronecombat_jax.combat import fingerprint
-from dronecombat_jax.combat.fingerprint import environment, environment_diff, environment_digest, observation_fields
+from dronecombat_jax.combat.fingerprint import (
+    environment,
+    environment_diff,
+    environment_digest,
+    observation_fields,
+)
 from dronecombat_jax.config import settings
-from dronecombat_jax.config.fields import Config, GameConfig, LearnConfig, RewardConfig, SimConfig, TrainConfig
+from dronecombat_jax.config.fields import (
+    Config,
+    GameConfig,
+    LearnConfig,
+    RewardConfig,
+    SimConfig,
+    TrainConfig,
+)
 from dronecombat_jax.sim import source
 from dronecombat_jax.sim.flown import package_scene
 from dronecombat_jax.sim.scene import load_scene
@@ -142,7 +154,9 @@ def test_every_setting_of_the_game_changes_the_digest(key):
     config = dataclasses.replace(Config(), **{section: part})
     assert environment_digest(config) != environment_digest(Config())
     changed = environment_diff(environment(config), environment(Config()))
-    assert [line.split(" is ")[0] for line in changed if not line.startswith("observation_fields")] == [key]
+    assert [
+        line.split(" is ")[0] for line in changed if not line.startswith("observation_fields")
+    ] == [key]
 
 
 def test_nothing_else_changes_it():
@@ -174,13 +188,26 @@ def test_a_setting_that_came_later_leaves_the_game_before_it_alone():
 
 
 def test_what_is_missing_on_one_side_is_a_difference():
-    lines = environment_diff({"version": 1, "game.wind": 2.0}, {"version": 1, "game.spawn": "fixed"})
-    assert lines == ['game.spawn is nothing there, "fixed" here', "game.wind is 2.0 there, nothing here"]
+    lines = environment_diff(
+        {"version": 1, "game.wind": 2.0}, {"version": 1, "game.spawn": "fixed"}
+    )
+    assert lines == [
+        'game.spawn is nothing there, "fixed" here',
+        "game.wind is 2.0 there, nothing here",
+    ]
 
 
 def test_fields_of_both_observations():
     world, ego = observation_fields("world"), observation_fields("ego")
     assert sum(size for _, size in world) == sum(size for _, size in ego) == 35
     assert [name for name, _ in world][:5] == ["p_d", "q_d", "p_a", "q_a", "p_t"]
-    assert [name for name, _ in ego][:7] == ["p_self", "q_self", "p_other", "q_other", "p_t", "v_self", "w_self"]
+    assert [name for name, _ in ego][:7] == [
+        "p_self",
+        "q_self",
+        "p_other",
+        "q_other",
+        "p_t",
+        "v_self",
+        "w_self",
+    ]
     assert json.loads(json.dumps(environment(Config()))) == environment(Config())

@@ -1,4 +1,6 @@
-"""The observation: its layout by hand, its frames against C MuJoCo, and what `ego` keeps and forgets."""
+"""The observation: its layout by hand, its frames against C MuJoCo, and what `ego` keeps and
+forgets.
+"""
 
 import jax
 import mujoco
@@ -22,7 +24,9 @@ world, ego = jax.jit(observe_world), jax.jit(observe_ego)
 
 @pytest.fixture
 def state() -> tuple[Drones, np.ndarray]:
-    """A defender yawed by 90 degrees to the left, an attacker rolled by 90 degrees to the right, and a target."""
+    """A defender yawed by 90 degrees to the left, an attacker rolled by 90 degrees to the right,
+    and a target.
+    """
     drones = Drones(
         position=np.array([[1, 2, 3], [4, 6, 5]], np.float32),
         quaternion=np.array([[HALF, 0, 0, HALF], [HALF, HALF, 0, 0]], np.float32),
@@ -38,7 +42,9 @@ def tumbled() -> tuple[Drones, np.ndarray]:
     random = np.random.default_rng(5)
     fields = [random.normal(size=(2, 3)), Rotation.random(2, random).as_quat(scalar_first=True)]
     fields += [random.normal(size=(2, 3)), random.normal(size=(2, 3))]
-    return Drones(*(field.astype(np.float32) for field in fields)), np.array([5, 5, 1.3], np.float32)
+    return Drones(*(field.astype(np.float32) for field in fields)), np.array(
+        [5, 5, 1.3], np.float32
+    )
 
 
 def test_layout_is_that_of_equation_5():
@@ -60,13 +66,15 @@ def test_world_observation_by_hand(state):
 
 
 def test_ego_observation_by_hand(state):
-    """Each row: self in world coordinates, then all else in the own frame; the other is d minus a or a minus d.
+    """Each row: self in world coordinates, then all else in the own frame; the other is d minus a
+    or a minus d.
 
-    To the defender the attacker is at (3, 4, 2): 4 ahead, 3 to the right, 2 above. To the attacker the
-    defender is at (-3, -4, -2): x -3, y -2 (world z), z 4 (minus world y). Rates: the attacker's (-1, -2, -3)
-    is (-1, 3, -2) in the world; the defender's (7, 8, 9) is (-8, 7, 9).
+    To the defender the attacker is at (3, 4, 2): 4 ahead, 3 to the right, 2 above. To the attacker
+    the defender is at (-3, -4, -2): x -3, y -2 (world z), z 4 (minus world y). Rates: the
+    attacker's (-1, -2, -3) is (-1, 3, -2) in the world; the defender's (7, 8, 9) is (-8, 7, 9).
     """
-    other = [0.5, 0.5, -0.5, -0.5]  # the attacker's attitude seen from the defender; its inverse from the attacker
+    # the attacker's attitude seen from the defender; its inverse from the attacker
+    other = [0.5, 0.5, -0.5, -0.5]
     inverse = [0.5, -0.5, 0.5, 0.5]
     rows = [
         [
@@ -107,13 +115,17 @@ def test_ego_keeps_its_relative_parts_when_the_world_is_turned_and_moved(tumbled
     moved = lambda place: turn.apply(place) + shift
     attitude = turn * Rotation.from_quat(drones.quaternion, scalar_first=True)
     elsewhere = Drones(
-        moved(drones.position), attitude.as_quat(scalar_first=True), turn.apply(drones.velocity), drones.rate
+        moved(drones.position),
+        attitude.as_quat(scalar_first=True),
+        turn.apply(drones.velocity),
+        drones.rate,
     )
     here, there = np.asarray(ego(drones, target)), np.asarray(ego(elsewhere, moved(target)))
     relative = [part for name, part in PART.items() if name not in ("p_d", "q_d", "q_a")]
     for part in relative:
         np.testing.assert_allclose(there[:, part], here[:, part], atol=1e-5)
-    cosine = np.abs(np.sum(there[:, PART["q_a"]] * here[:, PART["q_a"]], axis=-1))  # q and -q are one attitude
+    # q and -q are one attitude
+    cosine = np.abs(np.sum(there[:, PART["q_a"]] * here[:, PART["q_a"]], axis=-1))
     np.testing.assert_allclose(cosine, 1.0, atol=1e-5)
     np.testing.assert_allclose(there[:, :7], np.concatenate(elsewhere[:2], axis=-1), atol=1e-5)
     assert np.abs(there[:, :2] - here[:, :2]).max() > 1.0
@@ -127,11 +139,15 @@ def test_ego_holds_the_same_information_as_world(tumbled):
         other, own = 1 - self, Rotation.from_quat(row[3:7], scalar_first=True)
         see = lambda name, row=row: row[PART[name]]
         attitude = own * Rotation.from_quat(see("q_a"), scalar_first=True)
-        np.testing.assert_allclose(row[:3] + own.apply(see("p_a")), drones.position[other], atol=1e-5)
+        np.testing.assert_allclose(
+            row[:3] + own.apply(see("p_a")), drones.position[other], atol=1e-5
+        )
         np.testing.assert_allclose(row[:3] + own.apply(see("p_t")), target, atol=1e-5)
         np.testing.assert_allclose(own.apply(see("v_d")), drones.velocity[self], atol=1e-5)
         np.testing.assert_allclose(own.apply(see("v_a")), drones.velocity[other], atol=1e-5)
         np.testing.assert_allclose(see("w_d"), drones.rate[self], atol=1e-6)
-        np.testing.assert_allclose(attitude.inv().apply(own.apply(see("w_a"))), drones.rate[other], atol=1e-5)
+        np.testing.assert_allclose(
+            attitude.inv().apply(own.apply(see("w_a"))), drones.rate[other], atol=1e-5
+        )
         np.testing.assert_allclose(own.apply(see("g_d")), (0, 0, -1), atol=1e-5)
         np.testing.assert_allclose(attitude.apply(see("g_a")), (0, 0, -1), atol=1e-5)

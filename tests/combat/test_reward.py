@@ -26,7 +26,9 @@ ANGULAR = np.array([-0.01 * 25, -0.01 * 100])
 NOTHING = RewardTerms(*(np.zeros(2) for _ in RewardTerms._fields))
 
 
-def terms_of(config: Config, cause: Cause = Cause.NONE, crashed=(False, False), out=(False, False)) -> RewardTerms:
+def terms_of(
+    config: Config, cause: Cause = Cause.NONE, crashed=(False, False), out=(False, False)
+) -> RewardTerms:
     """The terms of one step in which `crashed` went down, with `out` down before."""
     crashed, out, no = np.array(crashed), np.array(out), np.array(False)
     events = Events(no, no, crashed, crashed | out, no)
@@ -34,7 +36,9 @@ def terms_of(config: Config, cause: Cause = Cause.NONE, crashed=(False, False), 
 
 
 def dense(share: np.ndarray | float) -> RewardTerms:
-    return NOTHING._replace(approach=share * APPROACH, linear_velocity=share * LINEAR, angular_velocity=share * ANGULAR)
+    return NOTHING._replace(
+        approach=share * APPROACH, linear_velocity=share * LINEAR, angular_velocity=share * ANGULAR
+    )
 
 
 def assert_terms(found: RewardTerms, expected: RewardTerms) -> None:
@@ -100,10 +104,18 @@ def test_events_of_the_paper(cause, crashed, win, lose, crash):
 
 def test_every_prize_and_price_has_its_own_setting():
     prices = RewardConfig(
-        win=1, lose=20, intercepted=30, crash_penalty=300, crash_win=4000, timeout_win=50000, timeout_penalty=60000
+        win=1,
+        lose=20,
+        intercepted=30,
+        crash_penalty=300,
+        crash_win=4000,
+        timeout_win=50000,
+        timeout_penalty=60000,
     )
     config = Config(reward=prices, game=GameConfig(timeout_rule="defender"))
-    total_of = lambda *event: np.asarray(total(terms_of(config, *event)) - total(dense(0.02))).round()
+    total_of = lambda *event: np.asarray(
+        total(terms_of(config, *event)) - total(dense(0.02))
+    ).round()
     np.testing.assert_array_equal(total_of(Cause.INTERCEPT), [1, -30])
     np.testing.assert_array_equal(total_of(Cause.REACHED), [-20, 1])
     np.testing.assert_array_equal(total_of(Cause.DEFENDER_CRASH, (True, False)), [-300, 4000])
@@ -112,9 +124,15 @@ def test_every_prize_and_price_has_its_own_setting():
 
 
 def test_time_out_costs_only_under_its_rule():
-    np.testing.assert_array_equal(terms_of(game(timeout_rule="draw"), Cause.TIMEOUT).timeout, [0, 0])
-    np.testing.assert_array_equal(terms_of(game(timeout_rule="defender"), Cause.TIMEOUT).timeout, [300, -300])
-    np.testing.assert_array_equal(terms_of(game(timeout_rule="defender"), Cause.INTERCEPT).timeout, [0, 0])
+    np.testing.assert_array_equal(
+        terms_of(game(timeout_rule="draw"), Cause.TIMEOUT).timeout, [0, 0]
+    )
+    np.testing.assert_array_equal(
+        terms_of(game(timeout_rule="defender"), Cause.TIMEOUT).timeout, [300, -300]
+    )
+    np.testing.assert_array_equal(
+        terms_of(game(timeout_rule="defender"), Cause.INTERCEPT).timeout, [0, 0]
+    )
 
 
 def test_out_a_downed_drone_pays_once_and_then_earns_nothing():

@@ -9,7 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecombat_jax.combat.rules import closest_approach, detect, judge, outcome_table, timeout_decides
+from dronecombat_jax.combat.rules import (
+    closest_approach,
+    detect,
+    judge,
+    outcome_table,
+    timeout_decides,
+)
 from dronecombat_jax.config.fields import GameConfig
 from dronecombat_jax.types import Cause, Outcome
 
@@ -63,7 +69,8 @@ SCENARIOS = [
     Scenario("side by side at 3 m a step", ((0, 0, 1), (3, 0, 1)), ((0, 1, 1), (3, 1, 1)), (NONE,) * 3, NONE),
     Scenario("head on, past each other", ((0, 0, 1), (3, 0, 1)), ((3, 0, 1), (0, 0, 1)), (INTERCEPT,) * 3, NONE),
     Scenario("within reach already at the start", HOME, ((5, 4.7, 1), (5, 4.4, 1)), (REACHED,) * 3, REACHED),
-    # A drone that is down neither strikes, is struck nor crashes again; a downed attacker lies only under `grounded`.
+    # A drone that is down neither strikes, is struck nor crashes again; a downed attacker lies only
+    # under `grounded`.
     Scenario("through a downed defender", (0, 5, 0.1), (0, 5, 0.4), (NONE,) * 3, NONE, out=(True, False)),
     Scenario("reached past a downed defender", (5, 5, 0.1), TARGET, (REACHED,) * 3, REACHED, out=(True, False)),
     Scenario("a downed attacker at the target", HOME, (5, 5, 0.9), (NONE,) * 3, NONE, out=(False, True)),
@@ -84,12 +91,16 @@ def causes(game: GameConfig) -> list[str]:
     paths = np.array([[path_of(s.defender), path_of(s.attacker)] for s in SCENARIOS], np.float32)
     absent = [game.scenario == "solo", False]
     out = np.array([s.out for s in SCENARIOS]) | absent
-    found = judged(paths[:, :, 0], paths[:, :, 1], out, np.array([s.clock for s in SCENARIOS], np.int32))
+    found = judged(
+        paths[:, :, 0], paths[:, :, 1], out, np.array([s.clock for s in SCENARIOS], np.int32)
+    )
     return [Cause(int(cause)).name for cause in found]
 
 
 def path_of(places: tuple) -> tuple:
-    """Before and after the step; the crash altitude is crossed in the step, so before it all was well."""
+    """Before and after the step; the crash altitude is crossed in the step, so before it all was
+    well.
+    """
     if isinstance(places[0], tuple):
         return places
     return (*places[:2], max(places[2], 0.5)), places
@@ -112,7 +123,9 @@ def test_cause_of_every_scenario(crash_rule, timeout_rule):
 
 @pytest.mark.parametrize("crash_rule", CRASH_RULES)
 def test_cause_of_every_scenario_without_a_defender(crash_rule):
-    assert found(GameConfig(scenario="solo", crash_rule=crash_rule)) == named([s.solo for s in SCENARIOS])
+    assert found(GameConfig(scenario="solo", crash_rule=crash_rule)) == named(
+        [s.solo for s in SCENARIOS]
+    )
 
 
 def test_only_the_swept_check_sees_what_happens_between_two_samples():
@@ -127,7 +140,9 @@ def test_only_the_swept_check_sees_what_happens_between_two_samples():
 
 
 def test_radii_and_clock_are_settings():
-    touch = found(GameConfig(intercept_radius=0.1, reach_radius=0.1, crash_altitude=0.05, episode_steps=7))
+    touch = found(
+        GameConfig(intercept_radius=0.1, reach_radius=0.1, crash_altitude=0.05, episode_steps=7)
+    )
     assert touch["interception"] == touch["target reached"] == "TIMEOUT"
     assert touch["defender crashes"] == "TIMEOUT"
     assert touch["caught at the target"] == "TIMEOUT"  # 0.1 m apart, to the last bit not within it
@@ -151,10 +166,14 @@ def test_who_has_won(timeout_rule):
         "ATTACKER_INVALID": "DEFENDER",
         "BOTH_INVALID": "DRAW",
     }
-    assert timeout_decides(GameConfig(timeout_rule=timeout_rule)) == (table[TIMEOUT] == Outcome.DEFENDER)
+    assert timeout_decides(GameConfig(timeout_rule=timeout_rule)) == (
+        table[TIMEOUT] == Outcome.DEFENDER
+    )
 
 
-places = st.lists(st.floats(-8, 8, width=32), min_size=3, max_size=3).map(partial(np.array, dtype=np.float32))
+places = st.lists(st.floats(-8, 8, width=32), min_size=3, max_size=3).map(
+    partial(np.array, dtype=np.float32)
+)
 approach = jax.jit(closest_approach)
 
 

@@ -23,7 +23,9 @@ def body(arena: SimpleNamespace) -> autopilot.Airframe:
 
 
 def fly_defender(arena: SimpleNamespace, state: EnvState, steps: int) -> np.ndarray:
-    """Position, quaternion, velocity and rate [steps, E, 13] under `hover`; the attacker holds still."""
+    """Position, quaternion, velocity and rate [steps, E, 13] under `hover`; the attacker holds
+    still.
+    """
     pilot = jax.jit(scripted.build_pilot("hover", arena.combat.config, arena.combat.scene))
     still, path = jnp.tile(jnp.asarray(STILL), (arena.size, 1)), []
     for _ in range(steps):
@@ -48,7 +50,9 @@ def random_state(seed: int, fights: int) -> EnvState:
 
 
 @pytest.mark.parametrize("timestep, substeps", [(0.01, 2), (0.02, 1), (0.005, 4), (0.002, 10)])
-def test_attitude_poles_lie_where_they_were_put(arena: SimpleNamespace, timestep: float, substeps: int):
+def test_attitude_poles_lie_where_they_were_put(
+    arena: SimpleNamespace, timestep: float, substeps: int
+):
     """Against the closed loop built by a slow loop over the integrator's substeps."""
     config = Config(sim=SimConfig(timestep=timestep, substeps=substeps))
     body = autopilot.airframe(config, arena.combat.scene, DEFENDER)
@@ -60,23 +64,30 @@ def test_attitude_poles_lie_where_they_were_put(arena: SimpleNamespace, timestep
             angle += timestep * rate
         columns.append((angle, rate))
     poles = np.linalg.eigvals(np.array(columns).T)
-    np.testing.assert_allclose(poles, autopilot.POLE, atol=1e-4)  # a double pole: the square root of rounding
+    # a double pole: the square root of rounding
+    np.testing.assert_allclose(poles, autopilot.POLE, atol=1e-4)
     assert abs(1.0 - body.spin_gain * timestep * substeps) < 1.0
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_hover_recovers_from_a_right_angle_and_a_spin(arena: SimpleNamespace, fresh: EnvState, seed: int):
+def test_hover_recovers_from_a_right_angle_and_a_spin(
+    arena: SimpleNamespace, fresh: EnvState, seed: int
+):
     """90 degrees of tilt about eight axes and 10 rad/s, 1 m above the ground."""
     random = np.random.default_rng(seed)
     heading, spin = random.uniform(0, 2 * np.pi, arena.size), random.normal(size=(arena.size, 3))
     qpos, qvel = np.array(fresh.qpos), np.array(fresh.qvel)
     qpos[:, 2], half = 1.0, np.sqrt(0.5)
-    qpos[:, 3:7] = np.stack([0 * heading + half, half * np.cos(heading), half * np.sin(heading), 0 * heading], axis=-1)
+    qpos[:, 3:7] = np.stack(
+        [0 * heading + half, half * np.cos(heading), half * np.sin(heading), 0 * heading], axis=-1
+    )
     qvel[:, 3:6] = 10 * spin / np.linalg.norm(spin, axis=-1, keepdims=True)
     path = fly_defender(arena, fresh.replace(qpos=jnp.asarray(qpos), qvel=jnp.asarray(qvel)), 100)
     assert np.all(path[..., 2] > 0.6)  # it falls 0.2 m while it turns, and brakes
     cosine = 1 - 2 * (path[..., 4] ** 2 + path[..., 5] ** 2)
-    assert np.all(cosine[15:] > np.cos(np.radians(15))) and np.all(cosine[-1] > np.cos(np.radians(1)))
+    assert np.all(cosine[15:] > np.cos(np.radians(15))) and np.all(
+        cosine[-1] > np.cos(np.radians(1))
+    )
     assert np.all(np.linalg.norm(path[-1, :, 7:], axis=-1) < 0.05)
 
 
@@ -103,7 +114,12 @@ def test_thrust_limit_keeps_the_altitude(body: autopilot.Airframe):
     high, at_rest = jnp.full(5, 50.0), jnp.zeros(5)
     force = autopilot.attainable(body, high, at_rest, wanted)
     rest = np.sqrt(most**2 - (g + 2) ** 2)
-    expected = [[np.sqrt(most**2 - g**2), 0, g], [0.6 * rest, -0.8 * rest, g + 2], [1, 1, g + 1], [0, 0, most]]
+    expected = [
+        [np.sqrt(most**2 - g**2), 0, g],
+        [0.6 * rest, -0.8 * rest, g + 2],
+        [1, 1, g + 1],
+        [0, 0, most],
+    ]
     np.testing.assert_allclose(force[:4], expected, rtol=1e-4, atol=1e-2)
     np.testing.assert_allclose(force[4], [5, 0, autopilot.MIN_LIFT * g], rtol=1e-4)
 
@@ -124,7 +140,9 @@ def test_full_thrust_holds_what_is_asked_across(body: autopilot.Airframe):
     np.testing.assert_allclose(wanted - part * along, across, atol=1e-4)
     force = np.asarray(wanted + jnp.array([0, 0, body.gravity]))
     np.testing.assert_allclose(np.linalg.norm(force[:2], axis=-1), body.max_force, rtol=1e-4)
-    assert force[2, 2] == pytest.approx(autopilot.MIN_LIFT * body.gravity, rel=1e-3) and part[2, 0] > 0
+    assert (
+        force[2, 2] == pytest.approx(autopilot.MIN_LIFT * body.gravity, rel=1e-3) and part[2, 0] > 0
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -133,8 +151,11 @@ def test_a_pilot_is_pure_and_vectorised(arena: SimpleNamespace, name: str):
     pilot = jax.jit(scripted.build_pilot(name, arena.combat.config, arena.combat.scene))
     state = random_state(1, arena.size)
     action = np.asarray(pilot(state, jnp.zeros((arena.size, 2, 35)), KEY))
-    assert action.shape == (arena.size, 4) and np.all(np.abs(action) <= 1.0)  # NaN would compare false
-    np.testing.assert_array_equal(action, pilot(state, jnp.ones((arena.size, 2, 35)), jax.random.key(1)))
+    # NaN would compare false
+    assert action.shape == (arena.size, 4) and np.all(np.abs(action) <= 1.0)
+    np.testing.assert_array_equal(
+        action, pilot(state, jnp.ones((arena.size, 2, 35)), jax.random.key(1))
+    )
     turned = jax.tree.map(lambda leaf: jnp.roll(leaf, 3, axis=0), state)
     np.testing.assert_allclose(np.roll(action, 3, axis=0), pilot(turned, None, KEY), atol=1e-4)
 
@@ -142,9 +163,15 @@ def test_a_pilot_is_pure_and_vectorised(arena: SimpleNamespace, name: str):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_pilot_survives_degenerate_states(arena: SimpleNamespace, name: str):
     """Drones and target in one place, at rest, one drone upside down: no direction is defined."""
-    pose = jnp.tile(jnp.array([1.0, 1, 1, 0, 1, 0, 0, 1, 1, 1, 0, 1, 0, 0]), (2, 1)).at[1, jnp.array([3, 10])].set(1.0)
+    pose = (
+        jnp.tile(jnp.array([1.0, 1, 1, 0, 1, 0, 0, 1, 1, 1, 0, 1, 0, 0]), (2, 1))
+        .at[1, jnp.array([3, 10])]
+        .set(1.0)
+    )
     pose = pose.at[1, jnp.array([4, 11])].set(0.0)
-    state = EnvState(pose, jnp.zeros((2, 12)), jnp.ones((2, 3)), jnp.zeros(2, jnp.int32), jnp.zeros((2, 2), bool))
+    state = EnvState(
+        pose, jnp.zeros((2, 12)), jnp.ones((2, 3)), jnp.zeros(2, jnp.int32), jnp.zeros((2, 2), bool)
+    )
     action = scripted.build_pilot(name, arena.combat.config, arena.combat.scene)(state, None, KEY)
     assert np.all(np.abs(np.asarray(action)) <= 1.0)
 

@@ -15,7 +15,8 @@ def test_the_memory_estimate_grows_with_seeds_and_counts_the_pool_only_in_self_p
     one, two = (settings.load("smoke", {"train.num_seeds": count}) for count in (1, 2))
     assert estimates.estimated_bytes(two) == 2 * estimates.estimated_bytes(one)
     played = settings.load("smoke", {"selfplay.probability": 0.2})
-    # 3 slots (the players as each of three chunks begins, the untrained one first) of 35-32-32-4 with a log-std per action, four bytes each.
+    # 3 slots (the players as each of three chunks begins, the untrained one first) of 35-32-32-4
+    # with a log-std per action, four bytes each.
     weights = 36 * 32 + 33 * 32 + 33 * 4 + 4
     assert estimates.estimated_bytes(played) - estimates.estimated_bytes(one) == 4 * 3 * weights
     spread = settings.load("smoke", {"selfplay.probability": 0.2, "selfplay.scope": "environment"})
@@ -42,13 +43,23 @@ def test_this_machine_has_memory():
 def test_a_run_that_will_not_fit_on_the_disk_is_refused_with_what_needs_less(monkeypatch):
     monkeypatch.setattr(preflight, "free_bytes", lambda path: 2**30)
     long = {"train.total_steps": 1_200_000_000, "run.directory": "/somewhere"}
-    with pytest.raises(UserError, match=r"2001 chunks need about 4\.\d+ GiB on the disk of /somewhere.*1 GiB are free"):
+    with pytest.raises(
+        UserError,
+        match=r"2001 chunks need about 4\.\d+ GiB on the disk of /somewhere.*1 GiB are free",
+    ):
         settings.load("duel", {**long, "train.total_steps": 2001 * 600_000}, check_machine=True)
     settings.load("duel", long | {"run.keep": "every 10"}, check_machine=True)
     settings.load("duel", long | {"run.keep": "last 5"}, check_machine=True)
 
 
 def test_how_many_checkpoints_are_left():
-    kept = lambda keep: estimates.kept_checkpoints(settings.load("duel", {"run.keep": keep}))  # 34 chunks, 0 to 34
+    # 34 chunks, 0 to 34
+    kept = lambda keep: estimates.kept_checkpoints(settings.load("duel", {"run.keep": keep}))
     # every 10: 0, 10, 20, 30, and the newest two 33, 34
-    assert [kept("all"), kept("every 10"), kept("last 5"), kept("last 1"), kept("every 1")] == [35, 6, 5, 2, 35]
+    assert [kept("all"), kept("every 10"), kept("last 5"), kept("last 1"), kept("every 1")] == [
+        35,
+        6,
+        5,
+        2,
+        35,
+    ]

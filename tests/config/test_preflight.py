@@ -17,9 +17,11 @@ UNHURRIED = limits(deadline=None, suppress_health_check=[HealthCheck.too_slow], 
 @pytest.mark.parametrize(
     ("overrides", "opening", "message"),
     [
-        # 60 * 24 = 1440 = 7 * 205 + 5; 7 and 24 share no factor, so environments come in sevens: 56, 63.
+        # 60 * 24 = 1440 = 7 * 205 + 5; 7 and 24 share no factor, so environments come in sevens:
+        # 56, 63.
         ({"train.num_envs": 60, "learn.minibatches": 7}, "--learn.minibatches: ", "minibatches 6 or 8, train.num_envs 56 or 63"),
-        # 1001 * 24 = 24024 = 2^3 * 3 * 7 * 11 * 13: the neighbours of 9 are 8 and 11; 9 = 3 * gcd 3 wants threes.
+        # 1001 * 24 = 24024 = 2^3 * 3 * 7 * 11 * 13: the neighbours of 9 are 8 and 11; 9 = 3 * gcd 3
+        # wants threes.
         ({"train.num_envs": 1001, "learn.minibatches": 9}, "--learn.minibatches: ", "minibatches 8 or 11, train.num_envs 999 or 1002"),
         ({"train.num_envs": 1, "learn.minibatches": 100_000}, "--learn.minibatches: ", "minibatches 24, train.num_envs 12500"),
         ({"train.num_envs": 1, "learn.rollout_steps": 7}, "--train.num-envs: ", "minibatches 1 or 7, train.num_envs 6"),
@@ -82,10 +84,14 @@ def test_the_nearest_values_named_do_fit(envs, steps, parts):
 def test_self_play_needs_two_sides():
     with pytest.raises(UserError) as error:
         settings.load("solo", {"selfplay.probability": 0.2})
-    assert error.value.message.startswith("--selfplay.probability: selfplay.probability = 0.2 needs game.scenario")
+    assert error.value.message.startswith(
+        "--selfplay.probability: selfplay.probability = 0.2 needs game.scenario"
+    )
 
 
-@pytest.mark.parametrize("text", ["", "none", "every", "every 0", "last -1", "every 2 ", "EVERY 3", "last 1.5"])
+@pytest.mark.parametrize(
+    "text", ["", "none", "every", "every 0", "last -1", "every 2 ", "EVERY 3", "last 1.5"]
+)
 def test_which_checkpoints_stay_has_three_forms(text):
     with pytest.raises(UserError, match=r'run\.keep = .* must be "all", "every N" or "last N"'):
         settings.load("smoke", {"run.keep": text})

@@ -39,7 +39,11 @@ WRONG = [
     ("train.num_envs", "1979-05-27", "must be an integer"),
     ("train.num_envs", "inf", "must be an integer"),
     ("train.num_envs", "nan", "must be an integer"),
-    ("learn.learning_rate", '"1e-3"', "must be a number above 0, at most 1; write 1e-3 without quotes"),
+    (
+        "learn.learning_rate",
+        '"1e-3"',
+        "must be a number above 0, at most 1; write 1e-3 without quotes",
+    ),
     ("learn.learning_rate", "nan", "must be a number"),
     ("learn.learning_rate", "-inf", "must be a number"),
     ("learn.learning_rate", "1e999", "must be a number"),
@@ -75,8 +79,20 @@ def test_a_wrong_value_is_one_line_with_file_line_key_and_range(toml, key, text,
 @pytest.mark.parametrize("entry", NUMBERS, ids=by_key)
 def test_just_inside_is_fine_and_just_outside_is_not(entry):
     whole = entry.kind != "float"
-    below = int(entry.low) - 1 if whole else entry.low if entry.low_open else math.nextafter(entry.low, -math.inf)
-    lowest = int(entry.low) if whole else math.nextafter(entry.low, math.inf) if entry.low_open else entry.low
+    below = (
+        int(entry.low) - 1
+        if whole
+        else entry.low
+        if entry.low_open
+        else math.nextafter(entry.low, -math.inf)
+    )
+    lowest = (
+        int(entry.low)
+        if whole
+        else math.nextafter(entry.low, math.inf)
+        if entry.low_open
+        else entry.low
+    )
     highest = int(entry.high) if whole else entry.high
     above = highest + 1 if whole else math.nextafter(entry.high, math.inf)
     wrap = (lambda number: [number]) if entry.kind == "ints" else (lambda number: number)
@@ -104,14 +120,19 @@ def test_anything_is_either_refused_in_one_line_a_key_or_loaded_as_it_is(values)
     bad = [key for key, value in values.items() if settings.SCHEMA[key].problem(value)]
     if bad:
         lines = errors_of(None, values)
-        assert [line.split()[0] for line in lines] == [settings.flag(key) for key in values if key in bad]
+        assert [line.split()[0] for line in lines] == [
+            settings.flag(key) for key in values if key in bad
+        ]
         return
     try:
         config = settings.load(None, values)
     except UserError:
         return  # a rule across settings
     loaded = schema.flatten(config)
-    assert all(loaded[key] == (tuple(value) if isinstance(value, list) else value) for key, value in values.items())
+    assert all(
+        loaded[key] == (tuple(value) if isinstance(value, list) else value)
+        for key, value in values.items()
+    )
 
 
 @UNHURRIED
@@ -119,8 +140,14 @@ def test_anything_is_either_refused_in_one_line_a_key_or_loaded_as_it_is(values)
 def test_any_configuration_comes_back_from_toml_exactly(data):
     values = {key: data.draw(allowed_values(entry)) for key, entry in settings.SCHEMA.items()}
     config = schema.build(Config, values)
-    read_back = {f"{s}.{k}": v for s, part in tomllib.loads(settings.to_toml(config)).items() for k, v in part.items()}
-    assert {key: settings.SCHEMA[key].normal(value) for key, value in read_back.items()} == schema.flatten(config)
+    read_back = {
+        f"{s}.{k}": v
+        for s, part in tomllib.loads(settings.to_toml(config)).items()
+        for k, v in part.items()
+    }
+    assert {
+        key: settings.SCHEMA[key].normal(value) for key, value in read_back.items()
+    } == schema.flatten(config)
 
 
 def allowed_values(entry: schema.Setting) -> st.SearchStrategy:
@@ -141,7 +168,11 @@ def allowed_values(entry: schema.Setting) -> st.SearchStrategy:
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
-        ("[train]\nnum_env = 3\n", 2, "train.num_env = 3: unknown setting; did you mean train.num_envs?"),
+        (
+            "[train]\nnum_env = 3\n",
+            2,
+            "train.num_env = 3: unknown setting; did you mean train.num_envs?",
+        ),
         ("[train]\nnum-envs = 3\n", 2, "did you mean train.num_envs?"),
         ("[train]\nNum_Envs = 3\n", 2, "did you mean train.num_envs?"),
         ("[train]\nlearning_rate = 3\n", 2, "did you mean learn.learning_rate?"),
@@ -169,7 +200,11 @@ def test_an_unknown_key_is_named_with_a_suggestion(toml, text, line, message):
 def test_a_misspelt_key_is_never_accepted_and_mostly_recognised(key, data):
     section, name = key.split(".")
     at = data.draw(st.integers(0, len(name) - 1))
-    wrong = name[:at] + data.draw(st.sampled_from("qxz").filter(lambda letter: letter != name[at])) + name[at + 1 :]
+    wrong = (
+        name[:at]
+        + data.draw(st.sampled_from("qxz").filter(lambda letter: letter != name[at]))
+        + name[at + 1 :]
+    )
     (line,) = errors_of(None, {f"{section}.{wrong}": 1})
     assert "unknown setting; " in line
     assert len(name) < 6 or "did you mean" in line

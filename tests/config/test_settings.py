@@ -37,17 +37,23 @@ def test_every_preset_loads_explains_itself_and_comes_back_exactly(name, toml):
 
 def test_what_the_presets_promise():
     paper, authors = settings.load("paper"), settings.load("authors")
-    assert paper.num_chunks == 100 and paper.steps_per_chunk == 10_008_000  # the paper: 417 updates of 24,000
+    # the paper: 417 updates of 24,000
+    assert paper.num_chunks == 100 and paper.steps_per_chunk == 10_008_000
     assert (paper.game.crash_rule, paper.reward.crash_penalty) == ("ends", 10.0)
     assert (authors.reward.approach_weight, authors.game.crash_rule) == (10.0, "grounded")
     assert authors.learn.clip_actions and not authors.learn.bootstrap_timeout
     assert not settings.load("literal").reward.time_scaled
-    assert settings.load("solo").game.scenario == "solo" and settings.load("solo").train.total_steps == 8_000_000
+    assert (
+        settings.load("solo").game.scenario == "solo"
+        and settings.load("solo").train.total_steps == 8_000_000
+    )
     assert settings.load("smoke").num_chunks == 3
     colab, duel = settings.load("colab"), settings.load("duel")
     only_more = {"total_steps": 48_000_000, "chunk_iterations": 50, "num_seeds": 8}
     assert colab == dataclasses.replace(duel, train=dataclasses.replace(duel.train, **only_more))
-    assert duel.game.crash_rule == "out" and duel.train.num_envs * duel.learn.rollout_steps == 24_000
+    assert (
+        duel.game.crash_rule == "out" and duel.train.num_envs * duel.learn.rollout_steps == 24_000
+    )
 
 
 def test_presets_of_a_wheel_come_before_those_of_a_folder_beside_it(tmp_path, monkeypatch):
@@ -80,7 +86,11 @@ def test_a_preset_that_is_not_there(preset, message):
 def test_defaults_then_file_then_flags(toml):
     path = toml("[train]\nnum_envs = 60\nseed = 3\n")
     config = settings.load(path, {"train.seed": 4, "learn.hidden_sizes": [8]})
-    assert (config.train.num_envs, config.train.seed, config.learn.epochs) == (60, 4, Config().learn.epochs)
+    assert (config.train.num_envs, config.train.seed, config.learn.epochs) == (
+        60,
+        4,
+        Config().learn.epochs,
+    )
     assert config.learn.hidden_sizes == (8,)
 
 
@@ -144,7 +154,12 @@ def test_windows_line_ends_are_fine(toml):
 
 
 def test_diff_names_what_differs():
-    a, b = Config(), settings.load(None, {"game.scenario": "solo", "learn.epochs": 3, "train.total_steps": 8_000_000})
+    a, b = (
+        Config(),
+        settings.load(
+            None, {"game.scenario": "solo", "learn.epochs": 3, "train.total_steps": 8_000_000}
+        ),
+    )
     assert settings.diff(a, b) == [
         ("game.scenario", "duel", "solo"),
         ("learn.epochs", 5, 3),
@@ -181,5 +196,7 @@ def test_settings_import_neither_jax_nor_mujoco():
         "import sys; from dronecombat_jax.config import settings; settings.load('smoke');"
         "print(sorted({'jax', 'mujoco', 'numpy', 'tyro'} & sys.modules.keys()))"
     )
-    result = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=True
+    )
     assert result.stdout == "[]\n"

@@ -1,4 +1,6 @@
-"""Checkpoints come back bit for bit, fit their template or say why not, and refuse what is no state."""
+"""Checkpoints come back bit for bit, fit their template or say why not, and refuse what is no
+state.
+"""
 
 import ast
 import asyncio
@@ -49,7 +51,9 @@ def test_round_trip_is_bit_exact(tmp_path: Path):
     meta = {"steps": 2**53 + 1, "config": {"hidden_sizes": [256, 128]}, "note": "é"}
     path = checkpoint.save(tmp_path / "checkpoints", 3, make_state(), meta)
     assert path == tmp_path / "checkpoints" / "3"
-    assert_same(make_state(), checkpoint.restore(tmp_path / "checkpoints", 3, make_state(offset=9.0)))
+    assert_same(
+        make_state(), checkpoint.restore(tmp_path / "checkpoints", 3, make_state(offset=9.0))
+    )
     assert checkpoint.read_meta(tmp_path / "checkpoints", 3) == meta
     arrays, manifest = checkpoint.load(tmp_path / "checkpoints", 3)
     assert manifest.step == 3 and arrays["optimiser/0/mu/kernel"].dtype == np.float32
@@ -109,11 +113,16 @@ def test_another_network_size_names_five_arrays_and_the_setting(tmp_path: Path):
     [
         ({"a": np.zeros(3, np.float64)}, "a: expected float64[3], got float32[3]"),
         ({"a": np.zeros((1, 3), np.float32)}, "a: expected float32[1,3], got float32[3]"),
-        ({"b": np.zeros(3, np.float32)}, "b: expected float32[3], got nothing; a: expected nothing, got float32[3]"),
+        (
+            {"b": np.zeros(3, np.float32)},
+            "b: expected float32[3], got nothing; a: expected nothing, got float32[3]",
+        ),
         ({"a": {"c": np.zeros(3, np.float32)}}, "a/c: expected float32[3], got nothing"),
     ],
 )
-def test_nothing_is_cast_broadcast_or_dropped(tmp_path: Path, change: dict[str, Any], complaint: str):
+def test_nothing_is_cast_broadcast_or_dropped(
+    tmp_path: Path, change: dict[str, Any], complaint: str
+):
     checkpoint.save(tmp_path, 0, {"a": np.ones(3, np.float32)}, {})
     with pytest.raises(CheckpointError) as caught:
         checkpoint.restore(tmp_path, 0, change)
@@ -170,14 +179,17 @@ def test_a_full_disk_keeps_the_old_and_leaves_nothing(tmp_path: Path):
     noise = np.random.default_rng(0).standard_normal(100_000).astype(np.float32)
     checkpoint.save(tmp_path, 1, {"a": noise}, {})
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, hard))  # Python ignores SIGXFSZ: writes fail with EFBIG
+    # Python ignores SIGXFSZ: writes fail with EFBIG
+    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, hard))
     try:
         with pytest.raises(UserError) as caught:
             checkpoint.save(tmp_path, 2, {"a": noise + 1}, {})
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert caught.value.exit_code == EXIT_CANNOT_WRITE
-    assert caught.value.message.startswith(f"cannot write {tmp_path / '2'}: File too large; 400,000 bytes needed, ")
+    assert caught.value.message.startswith(
+        f"cannot write {tmp_path / '2'}: File too large; 400,000 bytes needed, "
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["1"]
     assert newest(tmp_path) == 1
     checkpoint.save(tmp_path, 2, {"a": noise + 1}, {})  # the retry at the next boundary
@@ -205,7 +217,11 @@ def test_the_room_never_unpickles():
     room = Path(dronecombat_jax.runs.__file__).parent
     for source in room.glob("*.py"):
         for node in ast.walk(ast.parse(source.read_text())):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+            names = (
+                [alias.name for alias in node.names]
+                if isinstance(node, ast.Import | ast.ImportFrom)
+                else []
+            )
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             assert not {"pickle", "cloudpickle", "dill", "shelve", "marshal"} & set(names), source
             if isinstance(node, ast.keyword) and node.arg == "allow_pickle":

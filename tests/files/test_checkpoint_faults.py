@@ -1,14 +1,14 @@
-"""Killed writers, truncation, flipped bytes and planted decoys: equal, or an error, never something else."""
+"""Killed writers, truncation, flipped bytes and planted decoys: equal, or an error, never something
+else.
+"""
 
 import contextlib
 import hashlib
 import json
-import logging
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from saved_runs import newest
+from saved_steps import META, equal_or_error, files_of, small_state
 
 from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.atomic import sweep
@@ -54,7 +55,10 @@ def test_kill_9_while_saving(tmp_path: Path):
     (tmp_path / "checkpoints").mkdir()
     environment = {**os.environ, "JAX_PLATFORMS": "cpu"}
     subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", KILLER, str(tmp_path)], check=True, timeout=120, env=environment
+        [sys.executable, "-W", "ignore", "-c", KILLER, str(tmp_path)],
+        check=True,
+        timeout=120,
+        env=environment,
     )
     acknowledged = [int(line) for line in (tmp_path / "acknowledged").read_text().split()]
     assert len(acknowledged) >= 7  # 0 + 1 + 2 + 0 + 1 + 2 + 0 + 1
@@ -69,37 +73,9 @@ def test_kill_9_while_saving(tmp_path: Path):
         np.testing.assert_array_equal(state["a"], expected)
 
 
-META = {"steps": 120_000, "chunk": 5}
-
-
-@pytest.fixture(scope="module")
-def golden(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory with the small checkpoint 5."""
-    directory = tmp_path_factory.mktemp("golden")
-    checkpoint.save(directory, 5, small_state(), META)
-    return directory
-
-
-def small_state() -> dict[str, np.ndarray]:
-    return {"a": np.arange(12, dtype=np.float32).reshape(3, 4), "b": np.array(3, np.int32)}
-
-
-def files_of(directory: Path) -> list[Path]:
-    return sorted(path for path in directory.rglob("*") if path.is_file())
-
-
-def equal_or_error(directory: Path, step: int = 5):
-    try:
-        restored, meta = checkpoint.restore(directory, step, small_state()), checkpoint.read_meta(directory, step)
-    except CheckpointError as error:
-        assert "\n" not in error.message
-        return
-    assert meta == META
-    for name, array in small_state().items():
-        np.testing.assert_array_equal(restored[name], array)
-
-
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(data=st.data())
 def test_any_byte_flipped_inserted_or_deleted(golden: Path, data: st.DataObject):
     path = data.draw(st.sampled_from(files_of(golden / "5")))
@@ -152,90 +128,6 @@ def test_every_file_missing_and_a_foreign_one_added(golden: Path):
     (golden / "5" / ".nfs0001").write_text("left by the file system")
     assert newest(golden) == 5
     equal_or_error(golden)
-
-
-def plant_half_copy(good: Path, decoy: Path):
-    shutil.copytree(good, decoy)
-    max(files_of(decoy / "state"), key=lambda path: path.stat().st_size).unlink()
-
-
-def plant_truncated(good: Path, decoy: Path):
-    shutil.copytree(good, decoy)
-    path = decoy / "manifest.json"
-    path.write_bytes(path.read_bytes()[:-1])
-
-
-def plant_zero_bytes(good: Path, decoy: Path):
-    decoy.mkdir()
-    (decoy / "manifest.json").touch()
-
-
-def plant_text(text: str) -> Callable[[Path, Path], None]:
-    def plant(good: Path, decoy: Path):
-        decoy.mkdir()
-        (decoy / "manifest.json").write_text(text)
-
-    return plant
-
-
-def plant_fifo(good: Path, decoy: Path):
-    decoy.mkdir()
-    os.mkfifo(decoy / "manifest.json")
-
-
-def plant_huge(good: Path, decoy: Path):
-    decoy.mkdir()
-    with open(decoy / "manifest.json", "wb") as file:
-        file.truncate(1 << 40)  # sparse: refused by its size, never read
-
-
-def plant_linked_file(good: Path, decoy: Path):
-    shutil.copytree(good, decoy)
-    (decoy / "manifest.json").unlink()
-    (decoy / "manifest.json").symlink_to(good / "manifest.json")
-
-
-DECOYS: dict[str, Callable[[Path, Path], object]] = {
-    "empty directory": lambda good, decoy: decoy.mkdir(),
-    "a file": lambda good, decoy: decoy.write_text(""),
-    "complete copy": shutil.copytree,
-    "link to a good one": lambda good, decoy: decoy.symlink_to(good.name),
-    "dangling link": lambda good, decoy: decoy.symlink_to("nowhere"),
-    "half copy": plant_half_copy,
-    "truncated manifest": plant_truncated,
-    "manifest of 0 bytes": plant_zero_bytes,
-    "manifest is a list": plant_text("[]"),
-    "manifest with NaN": plant_text('{"sha256": NaN}'),
-    "nested manifest": plant_text("[" * 100_000),
-    "long number": plant_text("9" * 100_000),
-    "manifest is a pipe": plant_fifo,
-    "manifest of 1 TiB": plant_huge,
-    "manifest is a link": plant_linked_file,
-}
-
-
-@pytest.mark.parametrize("kind", DECOYS)
-def test_a_decoy_with_the_highest_step(golden: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, kind: str):
-    directory = tmp_path / "checkpoints"
-    shutil.copytree(golden, directory)
-    DECOYS[kind](directory / "5", directory / "99")
-    with pytest.raises(CheckpointError):
-        checkpoint.restore(directory, 99, small_state())
-    with caplog.at_level(logging.WARNING):
-        assert newest(directory, set_aside=False) == 5
-        assert os.path.lexists(directory / "99") and "checkpoint 99 skipped" in caplog.text
-        assert newest(directory) == 5
-    assert not os.path.lexists(directory / "99") and "renamed to damaged-99-" in caplog.text
-    assert sum(path.name.startswith("damaged-99-") for path in directory.iterdir()) == 1
-    equal_or_error(directory)
-
-
-@pytest.mark.parametrize("name", ["0099", "99.tmp", "-1", "99 ", "9" * 40, "\u0669", ".tmp-99-1-aa", "damaged-99-aa"])
-def test_names_that_are_no_step_are_left_alone(golden: Path, tmp_path: Path, name: str):
-    directory = tmp_path / "checkpoints"
-    shutil.copytree(golden, directory)
-    (directory / name).mkdir()
-    assert newest(directory) == 5 and (directory / name).is_dir()
 
 
 def rewrite_manifest(directory: Path, **changes: object):

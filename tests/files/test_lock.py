@@ -23,7 +23,9 @@ with exclusive_lock(Path(sys.argv[1])):
 
 
 def test_a_second_process_is_named_and_kill_frees_the_lock(tmp_path: Path):
-    with subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True) as child:
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    ) as child:
         try:
             assert child.stdout is not None and child.stdout.readline() == "held\n"
             with pytest.raises(UserError) as caught, exclusive_lock(tmp_path):

@@ -12,7 +12,13 @@ from dronecombat_jax.files.metrics import MetricsWriter, read, truncate_after
 
 
 def record(iteration: int, seed: int = 0, **more: object) -> dict[str, object]:
-    return {"iteration": iteration, "steps": 24_000 * iteration, "seed": seed, "chunk": iteration // 2, **more}
+    return {
+        "iteration": iteration,
+        "steps": 24_000 * iteration,
+        "seed": seed,
+        "chunk": iteration // 2,
+        **more,
+    }
 
 
 def write(path: Path, iterations: range):
@@ -26,12 +32,23 @@ def test_scalars_of_numpy_and_nan(tmp_path: Path):
 
     with MetricsWriter(tmp_path / "metrics.jsonl") as writer:
         writer.write(
-            record(1, a=np.float32(0.5), b=math.nan, c=np.inf, d=np.int64(2**40), e=jnp.ones(()), f=None, g=np.True_)
+            record(
+                1,
+                a=np.float32(0.5),
+                b=math.nan,
+                c=np.inf,
+                d=np.int64(2**40),
+                e=jnp.ones(()),
+                f=None,
+                g=np.True_,
+            )
         )
         with pytest.raises(TypeError, match="metric a has shape"):
             writer.write(record(2, a=np.zeros(2)))
         writer.sync()
-    assert read(tmp_path / "metrics.jsonl") == [record(1, a=0.5, b=None, c=None, d=2**40, e=1.0, f=None, g=True)]
+    assert read(tmp_path / "metrics.jsonl") == [
+        record(1, a=0.5, b=None, c=None, d=2**40, e=1.0, f=None, g=True)
+    ]
 
 
 def test_append_and_cut_at_the_checkpoint(tmp_path: Path):
@@ -109,7 +126,13 @@ def events(folder: Path) -> list[tuple[int, dict[str, float], int]]:
         while place < len(data):
             length = int.from_bytes(data[place : place + 8], "little")
             event = Event.FromString(data[place + 12 : place + 12 + length])
-            found.append((event.step, {v.tag: v.simple_value for v in event.summary.value}, event.session_log.status))
+            found.append(
+                (
+                    event.step,
+                    {v.tag: v.simple_value for v in event.summary.value},
+                    event.session_log.status,
+                )
+            )
             place += 16 + length
     return [event for event in found if event[1] or event[2]]
 
@@ -118,10 +141,17 @@ def test_tensorboard_by_seed_and_across_a_resume(tmp_path: Path):
     with MetricsWriter(tmp_path / "metrics.jsonl", tmp_path / "tensorboard") as writer:
         for iteration in (1, 2):
             for seed in (3, 4):
-                writer.write(record(iteration, seed, **{"win/defender": 0.25 * seed, "win/draw": math.nan}))
-    with MetricsWriter(tmp_path / "metrics.jsonl", tmp_path / "tensorboard", resume_steps=24_000) as writer:
+                writer.write(
+                    record(iteration, seed, **{"win/defender": 0.25 * seed, "win/draw": math.nan})
+                )
+    with MetricsWriter(
+        tmp_path / "metrics.jsonl", tmp_path / "tensorboard", resume_steps=24_000
+    ) as writer:
         writer.write(record(2, 3, **{"win/defender": 0.5}))
-    assert sorted(path.name for path in (tmp_path / "tensorboard").iterdir()) == ["seed-3", "seed-4"]
+    assert sorted(path.name for path in (tmp_path / "tensorboard").iterdir()) == [
+        "seed-3",
+        "seed-4",
+    ]
     found = events(tmp_path / "tensorboard" / "seed-3")
     assert [event[0] for event in found] == [24_000, 48_000, 24_001, 48_000]
     assert found[0][1] == {"iteration": 1.0, "chunk": 0.0, "win/defender": 0.75}

@@ -13,7 +13,21 @@ from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_DATA, Us
 from dronecombat_jax.files.claim import claim_run, rescue_run, still_there
 from dronecombat_jax.files.rundir import check_name, find_run, run_path
 
-HOSTILE = ["", ".", "..", ".hidden", "a/b", "/abs", "../up", "a\nb", "a b", "é", "x" * 101, "a\x00b", "run\n"]
+HOSTILE = [
+    "",
+    ".",
+    "..",
+    ".hidden",
+    "a/b",
+    "/abs",
+    "../up",
+    "a\nb",
+    "a b",
+    "é",
+    "x" * 101,
+    "a\x00b",
+    "run\n",
+]
 
 
 @pytest.mark.parametrize("name", HOSTILE)
@@ -47,14 +61,22 @@ def test_claim_makes_the_folders_and_sweeps(tmp_path: Path):
         (run.path / ".tmp-config.toml-1-aa").touch()
     with claim_run(tmp_path / "a" / "runs", "one") as run:
         assert list(run.checkpoints.iterdir()) == []
-        assert sorted(path.name for path in run.path.iterdir()) == [".lock", "checkpoints", "figures", "tensorboard"]
+        assert sorted(path.name for path in run.path.iterdir()) == [
+            ".lock",
+            "checkpoints",
+            "figures",
+            "tensorboard",
+        ]
 
 
 def test_a_root_that_is_a_file(tmp_path: Path):
     (tmp_path / "runs").write_text("")
     with pytest.raises(UserError) as caught, claim_run(tmp_path / "runs", "one"):
         pass
-    assert caught.value.exit_code == EXIT_CANNOT_WRITE and str(tmp_path / "runs" / "one") in caught.value.message
+    assert (
+        caught.value.exit_code == EXIT_CANNOT_WRITE
+        and str(tmp_path / "runs" / "one") in caught.value.message
+    )
 
 
 def test_a_read_only_file_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -100,7 +122,9 @@ def test_find_run_by_name_and_path_and_what_it_suggests(tmp_path: Path):
         (tmp_path / name).mkdir()
     assert find_run("ippo-paper", tmp_path) == tmp_path / "ippo-paper"
     assert find_run(str(tmp_path / "ippo-smoke")) == tmp_path / "ippo-smoke"
-    with pytest.raises(UserError, match=r"ipo-paper: no such run; did you mean ippo-paper\?") as caught:
+    with pytest.raises(
+        UserError, match=r"ipo-paper: no such run; did you mean ippo-paper\?"
+    ) as caught:
         find_run("ipo-paper", tmp_path)
     assert caught.value.exit_code == EXIT_DATA
     with pytest.raises(UserError, match="no such run; runs there are: ippo-paper, ippo-smoke"):

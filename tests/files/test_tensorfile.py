@@ -1,4 +1,6 @@
-"""The container: what `safetensors` reads, we write; what is not sound is refused before memory is taken."""
+"""The container: what `safetensors` reads, we write; what is not sound is refused before memory is
+taken.
+"""
 
 import json
 import os
@@ -24,7 +26,11 @@ METADATA = {"format": "x", "näme": 'quotes " and \n lines'}
 
 def raw(header: dict | bytes | str, data: bytes = b"", length: int | None = None) -> bytes:
     """A file with this header, whatever it says."""
-    text = header if isinstance(header, bytes) else (header if isinstance(header, str) else json.dumps(header)).encode()
+    text = (
+        header
+        if isinstance(header, bytes)
+        else (header if isinstance(header, str) else json.dumps(header)).encode()
+    )
     return (len(text) if length is None else length).to_bytes(8, "little") + text + data
 
 
@@ -40,14 +46,20 @@ EIGHT = bytes(8)
 HOSTILE = {
     "empty file": (b"", "0 bytes"),
     "seven bytes": (bytes(7), "7 bytes"),
-    "header longer than the file": (raw({}, length=500), "announces a header of 500 bytes, 2 follow"),
+    "header longer than the file": (
+        raw({}, length=500),
+        "announces a header of 500 bytes, 2 follow",
+    ),
     "header bomb": (raw({}, bytes(1_100_000), length=2**60), "at most 1,000,000 are read"),
     "header over the cap": (raw(" " * 1_000_001), "at most 1,000,000 are read"),
     "no JSON": (raw("{"), "damaged or no safetensors file"),
     "no UTF-8": (raw(b'{"\xff": 1}'), "damaged or no safetensors file"),
     "a list": (raw("[]"), "no JSON object"),
     "nested deeply": (raw(nested(200_000)), "nested too deeply"),
-    "shape of 1e12": (raw({"a": entry((10**6, 10**6), (0, 4 * 10**12))}, EIGHT), "does not fit into 8 bytes"),
+    "shape of 1e12": (
+        raw({"a": entry((10**6, 10**6), (0, 4 * 10**12))}, EIGHT),
+        "does not fit into 8 bytes",
+    ),
     "shape of 2**64": (raw({"a": entry((2**32, 2**32), (0, 0))}), "does not fit into 0 bytes"),
     "negative shape": (raw({"a": entry((-1, -2))}, EIGHT), "does not fit"),
     "true as a shape": (raw({"a": entry((True, 2))}, EIGHT), "does not fit"),
@@ -57,41 +69,70 @@ HOSTILE = {
         raw('{"a":{"dtype":"F32","shape":[' + "9" * 10_000 + '],"data_offsets":[0,8]}}', EIGHT),
         "damaged",
     ),
-    "NaN as a shape": (raw('{"a":{"dtype":"F32","shape":[NaN],"data_offsets":[0,8]}}', EIGHT), "no"),
-    "offsets do not fit the shape": (raw({"a": entry(offsets=(0, 4))}, EIGHT), "not those of float32[2]"),
+    "NaN as a shape": (
+        raw('{"a":{"dtype":"F32","shape":[NaN],"data_offsets":[0,8]}}', EIGHT),
+        "no",
+    ),
+    "offsets do not fit the shape": (
+        raw({"a": entry(offsets=(0, 4))}, EIGHT),
+        "not those of float32[2]",
+    ),
     "offsets backwards": (raw({"a": entry(offsets=(8, 0))}, EIGHT), "not those of"),
     "offsets past the end": (raw({"a": entry(offsets=(4, 12))}, EIGHT), "not those of"),
-    "overlap": (raw({"a": entry(), "b": entry(offsets=(4, 12))}, bytes(12)), "overlap or leave a gap"),
+    "overlap": (
+        raw({"a": entry(), "b": entry(offsets=(4, 12))}, bytes(12)),
+        "overlap or leave a gap",
+    ),
     "the same bytes twice": (raw({"a": entry(), "b": entry()}, EIGHT), "overlap or leave a gap"),
     "gap": (raw({"a": entry(offsets=(4, 12))}, bytes(12)), "overlap or leave a gap"),
     "bytes left over": (raw({"a": entry()}, bytes(9)), "take 8 bytes and 9 are there"),
-    "duplicate name": (raw(f'{{"a": {json.dumps(entry())}, "a": {json.dumps(entry())}}}', EIGHT), '"a" stands twice'),
+    "duplicate name": (
+        raw(f'{{"a": {json.dumps(entry())}, "a": {json.dumps(entry())}}}', EIGHT),
+        '"a" stands twice',
+    ),
     "duplicate metadata": (raw('{"__metadata__": {"x": "1", "x": "2"}}'), '"x" stands twice'),
     "metadata that is no text": (raw({"__metadata__": {"x": 1}}), "not text by name"),
     "metadata that is a list": (raw({"__metadata__": ["x"]}), "not text by name"),
-    "float64": (raw({"a": entry((1,), dtype="F64")}, EIGHT), "array a: expected dtype F32, got F64"),
+    "float64": (
+        raw({"a": entry((1,), dtype="F64")}, EIGHT),
+        "array a: expected dtype F32, got F64",
+    ),
     "dtype on two lines": (raw({"a": entry(dtype="F\n32")}, EIGHT), "expected dtype F32, got F?32"),
-    "no offsets": (raw({"a": {"dtype": "F32", "shape": [2]}}, EIGHT), "needs dtype, shape and data_offsets"),
+    "no offsets": (
+        raw({"a": {"dtype": "F32", "shape": [2]}}, EIGHT),
+        "needs dtype, shape and data_offsets",
+    ),
     "a number for an array": (raw({"a": 1}), "needs dtype, shape and data_offsets"),
     "name that is a path": (raw({"../../x": entry()}, EIGHT), "is not allowed"),
     "hidden name": (raw({".x": entry()}, EIGHT), "is not allowed"),
     "name with a line break": (raw({"a\nerror: b": entry()}, EIGHT), "is not allowed"),
     "name of 101 characters": (raw({"a" * 101: entry()}, EIGHT), "is not allowed"),
-    "pickle that runs a command": (b"cposix\nsystem\n(S'touch MARKER'\ntR.", "damaged or no safetensors file"),
+    "pickle that runs a command": (
+        b"cposix\nsystem\n(S'touch MARKER'\ntR.",
+        "damaged or no safetensors file",
+    ),
     "zip, as torch.save writes": (b"PK\x03\x04" + bytes(100), "damaged or no safetensors file"),
-    "npy": (b"\x93NUMPY\x01\x00v\x00{'descr': '|O', 'fortran_order': False}" + bytes(60), "damaged or no safetensors"),
+    "npy": (
+        b"\x93NUMPY\x01\x00v\x00{'descr': '|O', 'fortran_order': False}" + bytes(60),
+        "damaged or no safetensors",
+    ),
 }
 
 
 def test_the_reference_implementation_reads_what_we_write(tmp_path):
-    reference = pytest.importorskip("safetensors", reason="safetensors is not installed (extra: test)")
+    reference = pytest.importorskip(
+        "safetensors", reason="safetensors is not installed (extra: test)"
+    )
     (tmp_path / "x").write_bytes(tensorfile.encode(ARRAYS, METADATA))
     with reference.safe_open(tmp_path / "x", framework="numpy") as file:
         assert file.metadata() == METADATA
         assert set(file.keys()) == set(ARRAYS)
         for name, array in ARRAYS.items():
             assert file.get_tensor(name).dtype == np.float32
-            assert file.get_tensor(name).tobytes() == array.tobytes() and file.get_tensor(name).shape == array.shape
+            assert (
+                file.get_tensor(name).tobytes() == array.tobytes()
+                and file.get_tensor(name).shape == array.shape
+            )
 
 
 def test_we_read_what_the_reference_implementation_writes(tmp_path):
@@ -125,7 +166,11 @@ def test_hostile_files_are_refused_in_one_line(case, tmp_path, monkeypatch):
     with pytest.raises(PolicyError) as error:
         tensorfile.read(Path("x.safetensors"))
     message = error.value.message
-    assert error.value.exit_code == EXIT_DATA and message.startswith("x.safetensors: ") and words in message
+    assert (
+        error.value.exit_code == EXIT_DATA
+        and message.startswith("x.safetensors: ")
+        and words in message
+    )
     assert message.isprintable() and len(message) < 400
     assert os.listdir() == ["x.safetensors"]
 
@@ -152,7 +197,9 @@ for path in Path({str(tmp_path)!r}).iterdir():
         refused += 1
 print(refused)
 """
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60
+    )
     assert result.stdout.strip() == str(len(HOSTILE) + 1), result.stderr
 
 

@@ -1,6 +1,8 @@
-"""Make `alpha_rank.json` with OpenSpiel's alpha-Rank: `python tests/golden/make_alpha_rank_golden.py`.
+"""Make `alpha_rank.json` with OpenSpiel's alpha-Rank: `python
+tests/golden/make_alpha_rank_golden.py`.
 
-The project does not depend on OpenSpiel. A scratch environment (Python 3.12) that makes the same file:
+The project does not depend on OpenSpiel. A scratch environment (Python 3.12) that makes the same
+file:
 
     pip install open_spiel==2.0.2 numpy==2.5.5 scipy==1.18.1 matplotlib==3.11.2 networkx==3.7
 """

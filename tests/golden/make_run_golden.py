@@ -1,8 +1,10 @@
-"""Write `run_v2/`: a run's checkpoint as this version saves it, and what its policies do. `tests/runs/test_golden_run.py` reads it.
+"""Write `run_v2/`: a run's checkpoint as this version saves it, and what its policies do.
+`tests/runs/test_golden_run.py` reads it.
 
     python tests/golden/make_run_golden.py
 
-A golden file is made once for each format (`files.manifest.SCHEMA`) and kept: later versions must read it.
+A golden file is made once for each format (`files.manifest.SCHEMA`) and kept: later versions must
+read it.
 """
 
 import json
@@ -38,16 +40,25 @@ def main() -> None:
     home.mkdir()
     combat, rng = Combat(CONFIG), np.random.default_rng(0)
     shapes = jax.eval_shape(lambda: init_state(combat))
-    state = jax.tree.map(lambda leaf: (rng.standard_normal(leaf.shape) ** 2).astype(leaf.dtype), shapes)
+    state = jax.tree.map(
+        lambda leaf: (rng.standard_normal(leaf.shape) ** 2).astype(leaf.dtype), shapes
+    )
     state = state.replace(iteration=np.array([ITERATION], np.int32), seed=np.array([11], np.uint32))
     (home / "checkpoints").mkdir()
     filled = filled_slots(ITERATION, CONFIG.train.chunk_iterations)
     state, roster = Players(home / "checkpoints").store(state, filled)
-    checkpoint.save(home / "checkpoints", ITERATION, state, describe(CONFIG, ITERATION), players=roster)
+    checkpoint.save(
+        home / "checkpoints", ITERATION, state, describe(CONFIG, ITERATION), players=roster
+    )
     observation = rng.standard_normal((3, 35)).astype(np.float32)
     run = load_run(home)
-    actions = [np.asarray(policy_mean(CONFIG.learn, policy, observation)).tolist() for policy in policies(run, 0)]
-    (home / "expected.json").write_text(json.dumps({"observation": observation.tolist(), "actions": actions}))
+    actions = [
+        np.asarray(policy_mean(CONFIG.learn, policy, observation)).tolist()
+        for policy in policies(run, 0)
+    ]
+    (home / "expected.json").write_text(
+        json.dumps({"observation": observation.tolist(), "actions": actions})
+    )
 
 
 if __name__ == "__main__":

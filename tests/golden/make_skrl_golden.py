@@ -120,7 +120,9 @@ def make_agent(variant: Variant) -> IPPO:
         gymnasium.spaces.Box(-np.inf, np.inf, (OBSERVATION_SIZE,)),
         gymnasium.spaces.Box(-1, 1, (ACTION_SIZE,)),
     )
-    models = {uid: {"policy": Policy(*spaces, variant.log_std), "value": Value(*spaces)} for uid in AGENTS}
+    models = {
+        uid: {"policy": Policy(*spaces, variant.log_std), "value": Value(*spaces)} for uid in AGENTS
+    }
     for pair in models.values():
         for model in pair.values():
             model.init_weights("orthogonal_", gain=GAIN)
@@ -145,7 +147,9 @@ def make_agent(variant: Variant) -> IPPO:
     return agent
 
 
-def step_game(observation: Tensors, action: Tensors, t: int) -> tuple[Tensors, Tensors, torch.Tensor, torch.Tensor]:
+def step_game(
+    observation: Tensors, action: Tensors, t: int
+) -> tuple[Tensors, Tensors, torch.Tensor, torch.Tensor]:
     """Next observation, reward, terminated and truncated of a made-up game.
 
     Both agents end together. Dense rewards below 1 a step, +-300 at `terminated` (zero sum),

@@ -1,4 +1,6 @@
-"""A probe environment: a stand-in for `Combat` whose optimal values and actions are known in closed form."""
+"""A probe environment: a stand-in for `Combat` whose optimal values and actions are known in closed
+form.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -30,7 +32,10 @@ class Task(NamedTuple):
 
 
 class Probe:
-    """The methods of `Combat` that learning calls. Observation: x, steps flown (unless it truncates), zeros."""
+    """The methods of `Combat` that learning calls.
+
+    Observation: x, steps flown (unless it truncates), zeros.
+    """
 
     def __init__(self, config: Config, task: Task):
         self.config, self.task = config, task
@@ -41,7 +46,11 @@ class Probe:
     def spawn(self, draws: jax.Array) -> EnvState:
         x = jnp.where(draws < 0.5, -1.0, 1.0)
         return EnvState(
-            qpos=x, qvel=jnp.zeros(1), target=jnp.zeros(3), clock=jnp.zeros((), jnp.int32), out=jnp.zeros(2, bool)
+            qpos=x,
+            qvel=jnp.zeros(1),
+            target=jnp.zeros(3),
+            clock=jnp.zeros((), jnp.int32),
+            out=jnp.zeros(2, bool),
         )
 
     draw_exploring = draw
@@ -51,7 +60,8 @@ class Probe:
         return state.replace(out=state.out.at[0].set(alone))
 
     def observe(self, state: EnvState) -> jax.Array:
-        clock = jnp.where(self.task.truncates, 0, state.clock)  # else a final observation was never trained on
+        # else a final observation was never trained on
+        clock = jnp.where(self.task.truncates, 0, state.clock)
         row = jnp.concatenate([state.qpos, clock.astype(jnp.float32)[None], jnp.zeros(33)])
         return jnp.broadcast_to(row, (2, 35))
 
@@ -66,9 +76,9 @@ class Probe:
             observation=self.observe(after),
             reward=reward,
             reward_terms=RewardTerms(reward, *[zero] * 6),
-            cause=jnp.where(done, jnp.where(task.truncates, Cause.TIMEOUT, Cause.REACHED), Cause.NONE).astype(
-                jnp.int32
-            ),
+            cause=jnp.where(
+                done, jnp.where(task.truncates, Cause.TIMEOUT, Cause.REACHED), Cause.NONE
+            ).astype(jnp.int32),
             terminated=done & ~task.truncates,
             truncated=done & task.truncates,
             active=jnp.broadcast_to(state.clock < task.flies, 2),
@@ -82,7 +92,10 @@ def make_task() -> Callable[..., Task]:
     """A task from the terms that it pays; each one number, or one per agent."""
 
     def make(length: int = 1, flies: int = 10**6, truncates: bool = False, **terms) -> Task:
-        given = {name: jnp.broadcast_to(jnp.asarray(value, jnp.float32), 2) for name, value in terms.items()}
+        given = {
+            name: jnp.broadcast_to(jnp.asarray(value, jnp.float32), 2)
+            for name, value in terms.items()
+        }
         zeros = {name: jnp.zeros(2) for name in Task._fields[:6]}
         steps = {"length": jnp.int32(length), "flies": jnp.int32(flies)}
         return Task(**zeros | given, **steps, truncates=jnp.asarray(truncates))

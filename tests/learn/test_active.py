@@ -1,4 +1,6 @@
-"""A drone's steps count for its own learning exactly while its actions have an effect (SPEC of the weights: MAPPO's masks)."""
+"""A drone's steps count for its own learning exactly while its actions have an effect (SPEC of the
+weights: MAPPO's masks).
+"""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -95,28 +97,40 @@ def test_the_step_of_a_crash_counts_and_the_next_does_not(rollout):
 
 
 def test_with_none_not_even_what_it_saw_there_counts_and_with_all_everything_does(rollout, update):
-    """The returns of steps in flight contain what was earned later: that, and the values bootstrapped from, stay."""
+    """The returns of steps in flight contain what was earned later: that, and the values
+    bootstrapped from, stay.
+    """
     idle = np.asarray(rollout.idle)
     weights = {
-        name: [np.asarray(weight) for weight in step_weights(replace(LEARN, inactive_steps=name), rollout, DEFENDER)]
+        name: [
+            np.asarray(weight)
+            for weight in step_weights(replace(LEARN, inactive_steps=name), rollout, DEFENDER)
+        ]
         for name in ("value", "none", "all")
     }
     mine = idle[..., DEFENDER]
     for name, (policy, value) in {"value": (0, 1), "none": (0, 0), "all": (1, 1)}.items():
-        assert np.all(weights[name][0][mine] == policy) and np.all(weights[name][1][mine] == value), name
+        assert np.all(weights[name][0][mine] == policy) and np.all(
+            weights[name][1][mine] == value
+        ), name
         assert np.all(weights[name][0][~mine] == 1) and np.all(weights[name][1][~mine] == 1), name
     assert differs(update(rollout, "all"), update(redrawn(rollout, idle), "all"))
     shares = [update(rollout, name).metrics.active_share for name in ("value", "none", "all")]
     flying = 1.0 - idle.mean((0, 1))
-    np.testing.assert_allclose(np.asarray(shares), np.stack([flying, flying, np.ones(2)]), rtol=1e-6)
+    np.testing.assert_allclose(
+        np.asarray(shares), np.stack([flying, flying, np.ones(2)]), rtol=1e-6
+    )
 
 
 def test_observation_statistics_are_of_steps_in_flight(rollout, update):
-    seen = np.asarray(rollout.observation, np.float64)[:, :, DEFENDER][np.asarray(rollout.active)[..., DEFENDER]]
+    seen = np.asarray(rollout.observation, np.float64)[:, :, DEFENDER][
+        np.asarray(rollout.active)[..., DEFENDER]
+    ]
     scaler = select(update(rollout).learners, DEFENDER).observation_scaler
     n = len(seen)
     assert float(scaler.count) == 1 + n
-    np.testing.assert_allclose(scaler.mean, seen.sum(0) / (1 + n), rtol=1e-4, atol=1e-5)  # one earlier sample at 0
+    # one earlier sample at 0
+    np.testing.assert_allclose(scaler.mean, seen.sum(0) / (1 + n), rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("poison", [np.nan, np.inf, 1e30])
@@ -129,7 +143,9 @@ def test_an_action_that_is_not_finite_leaves_the_rest_of_the_update_alone(rollou
     active[(*step, ATTACKER)] = False
     idle = np.asarray(rollout.idle).copy()
     idle[(*step, ATTACKER)] = False
-    healthy = rollout._replace(terminated=ends, cause=cause, active=jnp.asarray(active), idle=jnp.asarray(idle))
+    healthy = rollout._replace(
+        terminated=ends, cause=cause, active=jnp.asarray(active), idle=jnp.asarray(idle)
+    )
     action = healthy.action.at[(*step, ATTACKER)].set(poison)
     log_prob = healthy.log_prob.at[(*step, ATTACKER)].set(-poison)
     broken = update(healthy._replace(action=action, log_prob=log_prob))
@@ -138,7 +154,9 @@ def test_an_action_that_is_not_finite_leaves_the_rest_of_the_update_alone(rollou
 
 
 def test_an_agent_without_a_step_that_counts_keeps_its_parameters(rollout, update):
-    nothing = rollout._replace(active=jnp.zeros_like(rollout.active), idle=jnp.zeros_like(rollout.idle))
+    nothing = rollout._replace(
+        active=jnp.zeros_like(rollout.active), idle=jnp.zeros_like(rollout.idle)
+    )
     after = update(nothing)
     start = untrained()
     for name in ("parameters", "optimizer", "learning_rate", "observation_scaler", "value_scaler"):
@@ -163,9 +181,14 @@ def test_weighted_mathematics_is_that_of_the_steps_that_count():
         expected = function(x[kept], y[kept], z[kept], ones)
         np.testing.assert_allclose(function(x, y, z, weight), expected, rtol=1e-5, err_msg=name)
     normal = ppo.normalize_advantages(x, weight)
-    np.testing.assert_allclose(normal[kept], ppo.normalize_advantages(x[kept], ones), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        normal[kept], ppo.normalize_advantages(x[kept], ones), rtol=1e-5, atol=1e-6
+    )
     assert not np.any(np.delete(np.asarray(normal), kept))
-    scaler, few = update_scaler(init_scaler(()), x, weight), update_scaler(init_scaler(()), x[kept], ones)
+    scaler, few = (
+        update_scaler(init_scaler(()), x, weight),
+        update_scaler(init_scaler(()), x[kept], ones),
+    )
     np.testing.assert_allclose(jax.tree.leaves(scaler), jax.tree.leaves(few), rtol=1e-5)
     assert_same_bits(update_scaler(scaler, x, 0.0 * weight), scaler)  # an empty batch
 
@@ -173,13 +196,19 @@ def test_weighted_mathematics_is_that_of_the_steps_that_count():
 def test_a_log_std_at_its_floor_leaves_it_when_more_noise_pays(rollout):
     """A clip in the loss has no gradient below the floor: the parameter stayed there for ever."""
     learn = replace(
-        LEARN, min_log_std=-0.5, initial_log_std=-0.5, entropy_scale=10.0, learning_rate_schedule="constant"
+        LEARN,
+        min_log_std=-0.5,
+        initial_log_std=-0.5,
+        entropy_scale=10.0,
+        learning_rate_schedule="constant",
     )
     start = jax.vmap(lambda key: init_learner(key, learn))(jax.random.split(jax.random.key(1)))
     below = start.parameters.log_std - 0.01
     learn_below = start.replace(parameters=start.parameters.replace(log_std=below))
     program = jax.jit(
-        lambda learners: learn_from(learn, learners, rollout, jax.random.key(2), jnp.ones(2, bool))[0],
+        lambda learners: learn_from(learn, learners, rollout, jax.random.key(2), jnp.ones(2, bool))[
+            0
+        ],
         compiler_options=UNOPTIMISED,
     )
     for learners in (start, learn_below):
@@ -187,7 +216,9 @@ def test_a_log_std_at_its_floor_leaves_it_when_more_noise_pays(rollout):
         assert np.all(after > -0.5)
     falling = replace(learn, entropy_scale=-10.0)  # noise costs: the floor holds, exactly
     push = jax.jit(
-        lambda learners: learn_from(falling, learners, rollout, jax.random.key(2), jnp.ones(2, bool))[0],
+        lambda learners: learn_from(
+            falling, learners, rollout, jax.random.key(2), jnp.ones(2, bool)
+        )[0],
         compiler_options=UNOPTIMISED,
     )
     assert np.all(push(start).parameters.log_std == -0.5)

@@ -19,7 +19,9 @@ from dronecombat_jax.learn.networks import (
     project_log_std,
 )
 
-LEARN = LearnConfig(hidden_sizes=(48, 24), hidden_gain=1.5, policy_output_gain=0.25, initial_log_std=-0.5)
+LEARN = LearnConfig(
+    hidden_sizes=(48, 24), hidden_gain=1.5, policy_output_gain=0.25, initial_log_std=-0.5
+)
 PARAMETERS = jax.jit(lambda: init_parameters(jax.random.key(3), LEARN))()
 
 
@@ -32,7 +34,9 @@ def test_sizes_biases_and_log_std():
 
 
 @pytest.mark.parametrize(
-    ("name", "gains"), [("policy", [1.5, 1.5, 0.25]), ("value", [1.5, 1.5, 1.5])], ids=["policy", "value"]
+    ("name", "gains"),
+    [("policy", [1.5, 1.5, 0.25]), ("value", [1.5, 1.5, 1.5])],
+    ids=["policy", "value"],
 )
 def test_weights_are_orthogonal_with_their_gain(name, gains):
     for weight, gain in zip(getattr(PARAMETERS, name).weights, gains, strict=True):
@@ -43,7 +47,11 @@ def test_weights_are_orthogonal_with_their_gain(name, gains):
 
 def test_the_paper_has_gain_sqrt_2_everywhere_and_no_noise_bonus():
     learn = LearnConfig()
-    assert (learn.hidden_gain, learn.policy_output_gain, learn.initial_log_std) == (2.0**0.5, 2.0**0.5, 0.0)
+    assert (learn.hidden_gain, learn.policy_output_gain, learn.initial_log_std) == (
+        2.0**0.5,
+        2.0**0.5,
+        0.0,
+    )
 
 
 def test_no_two_layers_start_alike():
@@ -58,7 +66,9 @@ def test_no_two_layers_start_alike():
 def test_forward_is_affine_elu_affine_elu_affine():
     rng = np.random.default_rng(0)
     mlp = PARAMETERS.policy.replace(
-        biases=tuple(jnp.asarray(rng.normal(size=b.shape), jnp.float32) for b in PARAMETERS.policy.biases)
+        biases=tuple(
+            jnp.asarray(rng.normal(size=b.shape), jnp.float32) for b in PARAMETERS.policy.biases
+        )
     )
     x = rng.normal(size=(5, 2, 35))
     y = x
@@ -72,15 +82,21 @@ def test_forward_is_affine_elu_affine_elu_affine():
 def test_elu_and_its_slope():
     x = np.array([-200.0, -20.0, -1.0, -1e-3, 0.0, 1e-3, 1.0, 200.0])
     y, slope = jax.vmap(jax.value_and_grad(elu))(jnp.asarray(x, jnp.float32))
-    np.testing.assert_allclose(y, np.where(x > 0, x, np.expm1(np.minimum(x, 0))), rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(
+        y, np.where(x > 0, x, np.expm1(np.minimum(x, 0))), rtol=1e-6, atol=1e-7
+    )
     np.testing.assert_allclose(slope, np.exp(np.minimum(x, 0)), rtol=1e-6, atol=1e-7)
 
 
 def test_elu_is_as_exact_as_float32_below_zero():
-    x = np.concatenate([np.linspace(-100.0, 0.0, 100_001), -np.logspace(-37, 2, 100_001)]).astype(np.float32)
+    x = np.concatenate([np.linspace(-100.0, 0.0, 100_001), -np.logspace(-37, 2, 100_001)]).astype(
+        np.float32
+    )
     expected = np.expm1(x.astype(np.float64))
     for evaluate in (elu, jax.jit(elu)):  # compiled, products and sums are fused
-        np.testing.assert_allclose(np.asarray(evaluate(jnp.asarray(x)), np.float64), expected, rtol=1e-7, atol=0)
+        np.testing.assert_allclose(
+            np.asarray(evaluate(jnp.asarray(x)), np.float64), expected, rtol=1e-7, atol=0
+        )
 
 
 def test_elu_hides_nothing_that_is_not_finite():
@@ -96,7 +112,9 @@ def test_log_probability_and_entropy_are_those_of_scipy():
     result = gaussian_log_prob(*(jnp.asarray(x, jnp.float32) for x in (action, mean, log_std)))
     np.testing.assert_allclose(result, expected, rtol=2e-5)
     expected = [stats.norm(0.0, np.exp(s)).entropy() for s in log_std]
-    np.testing.assert_allclose(gaussian_entropy(jnp.asarray(log_std, jnp.float32)), expected, rtol=1e-5)
+    np.testing.assert_allclose(
+        gaussian_entropy(jnp.asarray(log_std, jnp.float32)), expected, rtol=1e-5
+    )
 
 
 def test_log_std_is_kept_in_its_bounds():

@@ -17,14 +17,18 @@ def test_four_batches_agree_with_skrl():
     probe = jnp.asarray(golden["scaler/float32/probe"])
     scaler = init_scaler((3,))
     for k in range(4):
-        after = {name: golden[f"scaler/float32/{k}/{name}"] for name in ("mean", "variance", "count")}
+        after = {
+            name: golden[f"scaler/float32/{k}/{name}"] for name in ("mean", "variance", "count")
+        }
         batch = jnp.asarray(golden[f"scaler/float32/{k}/input"])
         scaler = update_scaler(scaler, batch, jnp.ones(batch.shape[:-1]))
         np.testing.assert_allclose(scaler.mean, after["mean"], rtol=1e-6)
         np.testing.assert_allclose(scaler.variance, after["variance"], rtol=2e-6)
         assert scaler.count == after["count"]
         output = normalize(scaler, jnp.asarray(golden[f"scaler/float32/{k}/input"]))
-        np.testing.assert_allclose(output, golden[f"scaler/float32/{k}/output"], rtol=2e-5, atol=2e-6)
+        np.testing.assert_allclose(
+            output, golden[f"scaler/float32/{k}/output"], rtol=2e-5, atol=2e-6
+        )
         # Terms nearly cancel, as in 30.61804 - 29.70065: float32 knows 30.6 to 1.9e-6 alone, and
         # skrl's own result is 7e-7 away from what its mean and variance give in float64.
         inverse = golden[f"scaler/float32/{k}/inverse"]
@@ -40,7 +44,8 @@ def test_many_batches_agree_with_numpy():
     flat = data.reshape(-1, 2).astype(np.float64)
     # The start counts as one sample of mean 0: the mean of n numbers is their sum / (n + 1).
     np.testing.assert_allclose(scaler.mean, flat.sum(0) / (len(flat) + 1), rtol=1e-5)
-    np.testing.assert_allclose(scaler.variance, flat.var(0), rtol=0.05)  # that sample weighs on a small variance
+    # that sample weighs on a small variance
+    np.testing.assert_allclose(scaler.variance, flat.var(0), rtol=0.05)
     assert scaler.count == len(flat) + 1
 
 
@@ -59,7 +64,12 @@ def test_scaling_is_clipped_at_five_and_undone():
     scaler = Scaler(jnp.asarray([10.0]), jnp.asarray([4.0]), jnp.asarray(9.0))
     x = jnp.asarray([[10.0], [12.0], [0.0], [1e6], [-1e6]])
     assert normalize(scaler, x)[:, 0].tolist() == [0.0, 1.0, -5.0, 5.0, -5.0]
-    assert denormalize(scaler, jnp.asarray([[0.0], [1.0], [7.0], [-7.0]]))[:, 0].tolist() == [10.0, 12.0, 20.0, 0.0]
+    assert denormalize(scaler, jnp.asarray([[0.0], [1.0], [7.0], [-7.0]]))[:, 0].tolist() == [
+        10.0,
+        12.0,
+        20.0,
+        0.0,
+    ]
     inside = jnp.linspace(1.0, 19.0, 7)[:, None]
     np.testing.assert_allclose(denormalize(scaler, normalize(scaler, inside)), inside, rtol=1e-5)
 

@@ -1,4 +1,6 @@
-"""PPO's mathematics against numbers worked by hand (the formula is in the comment), slow loops and skrl's schedule."""
+"""PPO's mathematics against numbers worked by hand (the formula is in the comment), slow loops and
+skrl's schedule.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,16 +17,21 @@ GOLDEN = Path(__file__).parents[1] / "golden" / "skrl_update.npz"
 LEARN = LearnConfig()
 
 
-def advantages(reward, value, next_value, terminated, done, discount=0.5, gae_lambda=0.5) -> np.ndarray:
+def advantages(
+    reward, value, next_value, terminated, done, discount=0.5, gae_lambda=0.5
+) -> np.ndarray:
     reward, value, next_value = (jnp.asarray(x, jnp.float32) for x in (reward, value, next_value))
     ends, done = jnp.asarray(terminated, bool), jnp.asarray(done, bool)
-    return np.asarray(ppo.generalized_advantages(reward, value, next_value, ends, done, discount, gae_lambda))
+    return np.asarray(
+        ppo.generalized_advantages(reward, value, next_value, ends, done, discount, gae_lambda)
+    )
 
 
-# reward 1 2 3, value 0.5 1 1.5, the successors' values 1 1.5 2; discount and lambda 0.5, so the trace decays by 0.25.
-# delta = r + 0.5 v' - v = 1, 1.75, 2.5.  A2 = 2.5;  A1 = 1.75 + 0.25 * 2.5 = 2.375;  A0 = 1 + 0.25 * 2.375 = 1.59375
-# terminated at 1: delta1 = 2 - 1 = 1 = A1;  A0 = 1 + 0.25 * 1 = 1.25
-# truncated at 1, its final observation worth 4: delta1 = 2 + 0.5 * 4 - 1 = 3 = A1;  A0 = 1 + 0.25 * 3 = 1.75
+# reward 1 2 3, value 0.5 1 1.5, the successors' values 1 1.5 2; discount and lambda 0.5, so the
+# trace decays by 0.25. delta = r + 0.5 v' - v = 1, 1.75, 2.5.  A2 = 2.5;  A1 = 1.75 + 0.25 * 2.5 =
+# 2.375;  A0 = 1 + 0.25 * 2.375 = 1.59375 terminated at 1: delta1 = 2 - 1 = 1 = A1;  A0 = 1 + 0.25 *
+# 1 = 1.25 truncated at 1, its final observation worth 4: delta1 = 2 + 0.5 * 4 - 1 = 3 = A1;  A0 = 1
+# + 0.25 * 3 = 1.75
 @pytest.mark.parametrize(
     ("terminated", "truncated", "next_value", "expected"),
     [
@@ -36,7 +43,10 @@ def advantages(reward, value, next_value, terminated, done, discount=0.5, gae_la
 )
 def test_advantages_worked_by_hand(terminated, truncated, next_value, expected):
     done = np.logical_or(terminated, truncated)
-    assert advantages([1.0, 2.0, 3.0], [0.5, 1.0, 1.5], next_value, terminated, done).tolist() == expected
+    assert (
+        advantages([1.0, 2.0, 3.0], [0.5, 1.0, 1.5], next_value, terminated, done).tolist()
+        == expected
+    )
 
 
 def test_advantages_equal_the_sum_that_defines_them():
@@ -62,7 +72,10 @@ def test_lambda_one_gives_returns_and_lambda_zero_gives_the_temporal_difference(
     reward, value = rng.normal(size=(2, 6, 1))
     following = np.concatenate([value[1:], [[0.7]]])
     never = np.zeros((6, 1), bool)
-    returns = [sum(0.9**k * reward[t + k, 0] for k in range(6 - t)) + 0.9 ** (6 - t) * 0.7 for t in range(6)]
+    returns = [
+        sum(0.9**k * reward[t + k, 0] for k in range(6 - t)) + 0.9 ** (6 - t) * 0.7
+        for t in range(6)
+    ]
     full = advantages(reward, value, following, never, never, 0.9, 1.0)
     np.testing.assert_allclose((full + value)[:, 0], returns, rtol=1e-6)
     short = advantages(reward, value, following, never, never, 0.9, 0.0)
@@ -72,36 +85,49 @@ def test_lambda_one_gives_returns_and_lambda_zero_gives_the_temporal_difference(
 def test_advantage_normalisation():
     # mean 2, deviation with ddof 1: sqrt((1 + 0 + 1) / 2) = 1
     np.testing.assert_allclose(
-        ppo.normalize_advantages(jnp.asarray([1.0, 2.0, 3.0]), jnp.ones(3)), [-1.0, 0.0, 1.0], atol=1e-7
+        ppo.normalize_advantages(jnp.asarray([1.0, 2.0, 3.0]), jnp.ones(3)),
+        [-1.0, 0.0, 1.0],
+        atol=1e-7,
     )
     scaled = ppo.normalize_advantages(jnp.arange(12.0).reshape(3, 4) * 50.0 - 7.0, jnp.ones((3, 4)))
-    assert np.mean(scaled) == pytest.approx(0.0, abs=1e-6) and np.std(scaled, ddof=1) == pytest.approx(1.0)
+    assert np.mean(scaled) == pytest.approx(0.0, abs=1e-6) and np.std(
+        scaled, ddof=1
+    ) == pytest.approx(1.0)
     assert (
-        ppo.normalize_advantages(jnp.full((4, 2), 3.0), jnp.ones((4, 2))).tolist() == [[0.0] * 2] * 4
+        ppo.normalize_advantages(jnp.full((4, 2), 3.0), jnp.ones((4, 2))).tolist()
+        == [[0.0] * 2] * 4
     )  # no deviation: no NaN
 
 
 def policy_loss(ratio: list[float], advantage: list[float]) -> jax.Array:
-    return ppo.policy_loss(jnp.log(jnp.asarray(ratio)), jnp.asarray(advantage), jnp.ones(len(ratio)), 0.2)
+    return ppo.policy_loss(
+        jnp.log(jnp.asarray(ratio)), jnp.asarray(advantage), jnp.ones(len(ratio)), 0.2
+    )
 
 
 def test_policy_loss_worked_by_hand():
-    # min(r A, clip(r, 0.8, 1.2) A): min(1.5, 1.2) = 1.2, min(0.5, 0.8) = 0.5, min(-1.1, -1.1), min(-0.5, -0.8) = -0.8,
-    # min(-3, -2.4) = -3; minus their mean: -(1.2 + 0.5 - 1.1 - 0.8 - 3) / 5 = 0.64
-    assert policy_loss([1.5, 0.5, 1.1, 0.5, 1.5], [1.0, 1.0, -1.0, -1.0, -2.0]) == pytest.approx(0.64, rel=1e-6)
+    # min(r A, clip(r, 0.8, 1.2) A): min(1.5, 1.2) = 1.2, min(0.5, 0.8) = 0.5, min(-1.1, -1.1),
+    # min(-0.5, -0.8) = -0.8, min(-3, -2.4) = -3; minus their mean: -(1.2 + 0.5 - 1.1 - 0.8 - 3) / 5
+    # = 0.64
+    assert policy_loss([1.5, 0.5, 1.1, 0.5, 1.5], [1.0, 1.0, -1.0, -1.0, -2.0]) == pytest.approx(
+        0.64, rel=1e-6
+    )
 
 
 def test_policy_gradient_is_that_of_the_surrogate_and_stops_where_it_is_clipped():
     def slope(ratio: float, advantage: float) -> float:
         gradient = jax.grad(
-            lambda log_ratio: ppo.policy_loss(log_ratio[None], jnp.asarray([advantage]), jnp.ones(1), 0.2)
+            lambda log_ratio: ppo.policy_loss(
+                log_ratio[None], jnp.asarray([advantage]), jnp.ones(1), 0.2
+            )
         )
         return float(gradient(jnp.log(ratio)))
 
     assert slope(1.0, 2.0) == pytest.approx(-2.0)  # d/d(log r) of -r A at r = 1
     assert slope(1.1, 2.0) == pytest.approx(-2.2)
     assert slope(1.3, 2.0) == 0.0 and slope(0.7, -2.0) == 0.0  # far enough: clipped
-    assert slope(0.7, 2.0) == pytest.approx(-1.4) and slope(1.3, -2.0) == pytest.approx(2.6)  # the wrong way: not
+    # the wrong way: not
+    assert slope(0.7, 2.0) == pytest.approx(-1.4) and slope(1.3, -2.0) == pytest.approx(2.6)
 
 
 # value, old value, target: 1, 0, 2: plain (1 - 2)^2 = 1, clipped (0 + 0.2 - 2)^2 = 3.24
@@ -118,14 +144,18 @@ def test_policy_gradient_is_that_of_the_surrogate_and_stops_where_it_is_clipped(
 )
 def test_value_losses_worked_by_hand(form, expected):
     value, old, target = jnp.asarray([1.0, 1.0, 0.1]), jnp.zeros(3), jnp.asarray([2.0, 0.1, 1.0])
-    assert ppo.value_loss(value, old, target, jnp.ones(value.shape), 0.2, form) == pytest.approx(expected, rel=1e-6)
+    assert ppo.value_loss(value, old, target, jnp.ones(value.shape), 0.2, form) == pytest.approx(
+        expected, rel=1e-6
+    )
 
 
 def test_kl_estimate():
     ratio = np.array([2.0, 0.5, 1.0])
     expected = np.mean((ratio - 1.0) - np.log(ratio))  # (1 - 0.6931 + -0.5 + 0.6931 + 0) / 3 = 1/6
     assert expected == pytest.approx(1 / 6)
-    assert ppo.approximate_kl(jnp.log(jnp.asarray(ratio)), jnp.ones(len(ratio))) == pytest.approx(expected, rel=1e-6)
+    assert ppo.approximate_kl(jnp.log(jnp.asarray(ratio)), jnp.ones(len(ratio))) == pytest.approx(
+        expected, rel=1e-6
+    )
     # small ratios: x^2 / 2; `exp(x) - 1 - x` in float32 would be off by a factor here
     assert ppo.approximate_kl(jnp.full(5, 1e-3), jnp.ones(5)) == pytest.approx(0.5e-6, rel=2e-3)
 
@@ -149,7 +179,9 @@ def rate_after(kl: float, rate: float, learn: LearnConfig = LEARN) -> float:
 )
 def test_learning_rate_schedule(kl, rate, expected):
     assert rate_after(kl, rate) == pytest.approx(expected, rel=1e-6)
-    assert rate_after(kl, rate, replace(LEARN, learning_rate_schedule="constant")) == pytest.approx(rate, rel=1e-6)
+    assert rate_after(kl, rate, replace(LEARN, learning_rate_schedule="constant")) == pytest.approx(
+        rate, rel=1e-6
+    )
 
 
 def test_learning_rate_schedule_is_that_of_skrl():
@@ -158,8 +190,11 @@ def test_learning_rate_schedule_is_that_of_skrl():
     checked = 0
     for group in ("inside", "outside"):
         names = ("kl", "learning_rate_before", "learning_rate_after")
-        for kl, before, after in np.stack([golden[f"kl_schedule/{group}/{name}"] for name in names], axis=1):
-            if np.float32(kl) not in edges:  # exactly at an edge the roundings of float32 and float64 decide
+        for kl, before, after in np.stack(
+            [golden[f"kl_schedule/{group}/{name}"] for name in names], axis=1
+        ):
+            if np.float32(kl) not in edges:
+                # exactly at an edge the roundings of float32 and float64 decide
                 assert rate_after(kl, before) == pytest.approx(after, rel=1e-6), (kl, before)
                 checked += 1
     assert checked > 40
@@ -168,7 +203,11 @@ def test_learning_rate_schedule_is_that_of_skrl():
 def test_explained_variance():
     target = jnp.asarray([1.0, -2.0, 4.0, 0.5])
     assert ppo.explained_variance(target, target, jnp.ones(4)) == pytest.approx(1.0)
-    assert ppo.explained_variance(target, target + 9.0, jnp.ones(4)) == pytest.approx(1.0)  # an offset is no variance
-    assert ppo.explained_variance(target, jnp.full(4, jnp.mean(target)), jnp.ones(4)) == pytest.approx(0.0, abs=1e-6)
-    assert ppo.explained_variance(target, -target, jnp.ones(4)) == pytest.approx(-3.0)  # 1 - Var(2 R) / Var(R)
+    # an offset is no variance
+    assert ppo.explained_variance(target, target + 9.0, jnp.ones(4)) == pytest.approx(1.0)
+    assert ppo.explained_variance(
+        target, jnp.full(4, jnp.mean(target)), jnp.ones(4)
+    ) == pytest.approx(0.0, abs=1e-6)
+    # 1 - Var(2 R) / Var(R)
+    assert ppo.explained_variance(target, -target, jnp.ones(4)) == pytest.approx(-3.0)
     assert ppo.explained_variance(jnp.ones(4), target, jnp.ones(4)) == 0.0

@@ -27,7 +27,9 @@ def learners():
     trained = jax.vmap(lambda key: init_learner(key, LEARN))(jax.random.split(jax.random.key(0)))
     scaler = Scaler(jnp.full((2, 35), 0.25), jnp.full((2, 35), 4.0), jnp.full(2, 9.0))
     log_std = jnp.asarray([[-1.0, 0.0, 0.5, 3.0]] * 2)  # the last is above its bound of 2
-    return trained.replace(observation_scaler=scaler, parameters=trained.parameters.replace(log_std=log_std))
+    return trained.replace(
+        observation_scaler=scaler, parameters=trained.parameters.replace(log_std=log_std)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -35,12 +37,19 @@ def flown(make_probe, make_task, learners):
     probe = make_probe(Config(learn=LEARN), make_task(length=3, constant=(1.0, 2.0)))
     start = jax.vmap(probe.spawn)(probe.draw(jax.random.key(1), (NUM_ENVS,)))
     start = start.replace(clock=jnp.arange(NUM_ENVS, dtype=jnp.int32) % 3)
-    return start, *jax.jit(lambda: collect(probe, flying(learners), start, jax.random.key(2), jax.random.key(3)))()
+    return start, *jax.jit(
+        lambda: collect(probe, flying(learners), start, jax.random.key(2), jax.random.key(3))
+    )()
 
 
 def test_a_fight_that_ends_is_replaced_and_its_final_observation_is_kept(flown):
     start, after, rollout = flown
-    assert rollout.observation.shape == (7, NUM_ENVS, 2, 35) and rollout.action.shape == (7, NUM_ENVS, 2, 4)
+    assert rollout.observation.shape == (7, NUM_ENVS, 2, 35) and rollout.action.shape == (
+        7,
+        NUM_ENVS,
+        2,
+        4,
+    )
     clock = start.clock[None] + np.arange(7)[:, None]
     seen, final = rollout.observation[..., 0, 1], rollout.final_observation[..., 0, 1]
     assert np.array_equal(seen, clock % 3)  # flown so far: back at 0 after three steps
@@ -62,8 +71,13 @@ def test_actions_are_unclipped_and_their_log_probability_is_that_of_the_gaussian
         expected = stats.norm.logpdf(rollout.action[:, :, agent], mean, std).sum(-1)
         np.testing.assert_allclose(rollout.log_prob[:, :, agent], expected, rtol=1e-4)
     assert np.abs(rollout.action).max() > 2.0
-    noise = (rollout.action[:, :, 0] - policy_mean(LEARN, flying(learners)[0], rollout.observation[:, :, 0])) / std
-    assert len(np.unique(np.round(noise, 5))) == noise.size and np.std(noise) == pytest.approx(1.0, abs=0.25)
+    noise = (
+        rollout.action[:, :, 0]
+        - policy_mean(LEARN, flying(learners)[0], rollout.observation[:, :, 0])
+    ) / std
+    assert len(np.unique(np.round(noise, 5))) == noise.size and np.std(noise) == pytest.approx(
+        1.0, abs=0.25
+    )
 
 
 def test_recomputed_log_probabilities_have_ratio_one(flown, learners):
@@ -92,4 +106,6 @@ def test_each_agent_scales_with_its_own_statistics(learners):
     observation = jax.random.normal(jax.random.key(6), (35,))
     plain = replace(LEARN, normalize_observations=False)
     by_hand = policy_mean(plain, flying(learners)[0], (observation - 0.25) / 2.0)
-    np.testing.assert_allclose(policy_mean(LEARN, flying(learners)[0], observation), by_hand, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        policy_mean(LEARN, flying(learners)[0], observation), by_hand, rtol=1e-5, atol=1e-6
+    )

@@ -1,4 +1,5 @@
-"""One whole update from the golden file's weights and rollout ends where skrl 1.4.3's torch IPPO ends.
+"""One whole update from the golden file's weights and rollout ends where skrl 1.4.3's torch IPPO
+ends.
 
 `tests/golden/make_skrl_golden.py` made the file. Its networks are smaller than ours: parameters are
 plain pytrees, so any size will do. Two variants (the learning rate rises, or falls) of two agents.
@@ -18,7 +19,9 @@ from dronecombat_jax.learn.normalize import denormalize, init_scaler
 from dronecombat_jax.types import MLP, Batch, Learner, Parameters, Scaler, UpdateMetrics
 
 GOLDEN = np.load(Path(__file__).parents[1] / "golden" / "skrl_update.npz", allow_pickle=False)
-HYPER = {name.split("/")[1]: GOLDEN[name].item() for name in GOLDEN.files if name.startswith("hyper/")}
+HYPER = {
+    name.split("/")[1]: GOLDEN[name].item() for name in GOLDEN.files if name.startswith("hyper/")
+}
 LEARN = LearnConfig(
     rollout_steps=HYPER["rollouts"],
     epochs=HYPER["learning_epochs"],
@@ -43,14 +46,18 @@ def read(case: str, name: str) -> jax.Array:
 
 def read_parameters(case: str, when: str) -> Parameters:
     def mlp(name: str) -> MLP:
-        weights, biases = (tuple(read(case, f"{when}/{name}/{kind}{i}") for i in range(3)) for kind in "wb")
+        weights, biases = (
+            tuple(read(case, f"{when}/{name}/{kind}{i}") for i in range(3)) for kind in "wb"
+        )
         return MLP(weights, biases)
 
     return Parameters(mlp("policy"), read(case, f"{when}/log_std"), mlp("value"))
 
 
 def read_scaler(case: str, when: str) -> Scaler:
-    statistics = (GOLDEN[f"{case}/value_scaler_{when}/{name}"] for name in ("mean", "variance", "count"))
+    statistics = (
+        GOLDEN[f"{case}/value_scaler_{when}/{name}"] for name in ("mean", "variance", "count")
+    )
     return Scaler(*(jnp.asarray(x.reshape(()), jnp.float32) for x in statistics))
 
 
@@ -79,7 +86,16 @@ def update(learner: Learner, rollout: dict[str, jax.Array]) -> tuple[Learner, Ba
 
 @pytest.fixture(scope="module", params=CASES)
 def updated(request) -> tuple[str, Learner, Batch, UpdateMetrics]:
-    names = ("observation", "action", "log_prob", "reward", "value", "terminated", "truncated", "last_observation")
+    names = (
+        "observation",
+        "action",
+        "log_prob",
+        "reward",
+        "value",
+        "terminated",
+        "truncated",
+        "last_observation",
+    )
     return request.param, *update(
         start(request.param), {name: read(request.param, f"rollout/{name}") for name in names}
     )
@@ -91,7 +107,9 @@ def test_stored_values_and_log_probabilities_are_those_of_our_networks(case):
     mean = forward(learner.parameters.policy, observation)
     log_prob = gaussian_log_prob(read(case, "rollout/action"), mean, learner.parameters.log_std)
     np.testing.assert_allclose(log_prob, read(case, "rollout/log_prob"), rtol=1e-5, atol=1e-5)
-    value = denormalize(learner.value_scaler, forward(learner.parameters.value, observation)[..., 0])
+    value = denormalize(
+        learner.value_scaler, forward(learner.parameters.value, observation)[..., 0]
+    )
     np.testing.assert_allclose(value, read(case, "rollout/value"), rtol=1e-5, atol=1e-4)
 
 
@@ -112,10 +130,13 @@ def test_value_scaler(updated):
 
 def test_learning_rate_and_divergence(updated):
     case, learner, _, metrics = updated
-    assert learner.learning_rate == pytest.approx(GOLDEN[f"{case}/schedule/learning_rate"][-1], rel=1e-6)
+    assert learner.learning_rate == pytest.approx(
+        GOLDEN[f"{case}/schedule/learning_rate"][-1], rel=1e-6
+    )
     assert metrics.kl == pytest.approx(GOLDEN[f"{case}/schedule/kl"][-1], rel=1e-3)
     before, after = GOLDEN[f"{case}/schedule/learning_rate"][-2:]
-    assert after > before if case.startswith("up") else after < before  # the two variants are what they say
+    # the two variants are what they say
+    assert after > before if case.startswith("up") else after < before
 
 
 def test_parameters(updated):
@@ -133,4 +154,6 @@ def test_losses(updated):
     # skrl tracks the mean over all gradient steps, and its entropy loss carries scale and sign
     assert metrics.policy_loss == pytest.approx(GOLDEN[f"{case}/loss/policy"], rel=1e-4, abs=2e-6)
     assert metrics.value_loss == pytest.approx(GOLDEN[f"{case}/loss/value"], rel=1e-5)
-    assert -LEARN.entropy_scale * metrics.entropy == pytest.approx(GOLDEN[f"{case}/loss/entropy"], rel=1e-5)
+    assert -LEARN.entropy_scale * metrics.entropy == pytest.approx(
+        GOLDEN[f"{case}/loss/entropy"], rel=1e-5
+    )

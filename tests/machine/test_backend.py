@@ -1,6 +1,8 @@
-"""What is settled before JAX starts. Each case runs in an interpreter of its own: settings are process-wide."""
+"""What is settled before JAX starts.
 
-import json
+Each case runs in an interpreter of its own: settings are process-wide.
+"""
+
 import os
 import re
 import subprocess
@@ -10,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from prepared import prepared
 
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.machine import backend
@@ -24,28 +27,7 @@ OURS = (
     "WAYLAND_DISPLAY",
     "XLA_FLAGS",
 )
-CLEAN = {name: value for name, value in os.environ.items() if name not in OURS and not name.startswith("JAX_")}
 DEADLOCK_OFF = "--xla_cpu_enable_concurrency_optimized_scheduler=false"
-PREPARE = """
-import importlib.metadata, json, os, sys
-importlib.metadata.version = lambda name: {version!r}
-from dronecombat_jax.machine import backend
-backend._cpu = lambda: ("a processor", {features!r})
-{patch}
-backend.prepare({device!r}, {cpu_devices})
-assert "jax" not in sys.modules and "mujoco" not in sys.modules
-print(json.dumps(dict(os.environ) | {{"set by us": backend._set_by_us}}))
-"""
-
-
-def prepared(
-    tmp_path, version="0.12.0.1", device="cpu", patch="", cpu_devices=1, features="sse2 avx2", **environment
-) -> dict:
-    """The environment after `prepare(device)` with jax `version`, in a fresh interpreter that never imports JAX."""
-    code = PREPARE.format(version=version, device=device, patch=patch, cpu_devices=cpu_devices, features=features)
-    given = CLEAN | {"DRONECOMBAT_CACHE": str(tmp_path)} | environment
-    result = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
-    return json.loads(result.stdout) | {"said": result.stderr}
 
 
 @pytest.mark.parametrize("device", ["cpu", "auto"])
@@ -60,17 +42,25 @@ def test_jax_0_12_needs_no_flags(tmp_path):
 
 
 def test_a_cpu_pretends_to_be_several_devices_unless_the_user_has_said_how_many(tmp_path):
-    flag, patient = "--xla_force_host_platform_device_count", f"{backend.MEETING_FLAG}={backend.MEETING_SECONDS}"
+    flag, patient = (
+        "--xla_force_host_platform_device_count",
+        f"{backend.MEETING_FLAG}={backend.MEETING_SECONDS}",
+    )
     assert prepared(tmp_path, "0.12.0.1", cpu_devices=2)["XLA_FLAGS"] == f"{flag}=2 {patient}"
     old = prepared(tmp_path, "0.9.2", cpu_devices=2)
     assert old["XLA_FLAGS"] == old["set by us"]["XLA_FLAGS"] == f"{DEADLOCK_OFF} {flag}=2 {patient}"
     assert prepared(tmp_path, "0.13.0", cpu_devices=2)["XLA_FLAGS"] == f"{flag}=2"
-    assert prepared(tmp_path, "0.12.0.1", cpu_devices=2, XLA_FLAGS=f"{flag}=4")["XLA_FLAGS"] == f"{flag}=4 {patient}"
+    assert (
+        prepared(tmp_path, "0.12.0.1", cpu_devices=2, XLA_FLAGS=f"{flag}=4")["XLA_FLAGS"]
+        == f"{flag}=4 {patient}"
+    )
 
 
 @pytest.mark.parametrize("version", ["0.9.2", "0.12.0.1"])
 def test_a_cpu_with_wide_vectors_uses_them(tmp_path, version):
-    wide, narrow = (prepared(tmp_path, version, features=f"avx2 {extra}") for extra in ("avx512f", "avx"))
+    wide, narrow = (
+        prepared(tmp_path, version, features=f"avx2 {extra}") for extra in ("avx512f", "avx")
+    )
     assert "--xla_cpu_prefer_vector_width=512" in wide["XLA_FLAGS"].split()
     assert "vector_width" not in narrow.get("XLA_FLAGS", "")
     chosen = "--xla_cpu_prefer_vector_width=128"
@@ -88,7 +78,9 @@ def test_the_xla_of_this_environment_knows_every_flag_that_it_is_given(tmp_path)
     assert "vector_width" in flags
     code = "import jax; assert len(jax.devices()) == 2; jax.jit(lambda x: x @ x)(jax.numpy.ones((4, 4)))"
     environment = os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
-    result = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    result = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True
+    )
     assert result.returncode == 0, result.stderr
 
 
@@ -117,7 +109,10 @@ def test_a_scheduler_chosen_by_the_user_stays(tmp_path):
 def test_a_device_by_name_wins_over_the_environment_and_auto_does_not(tmp_path):
     assert prepared(tmp_path, device="cpu", JAX_PLATFORMS="cuda")["JAX_PLATFORMS"] == "cpu"
     started = {"patch": "backend.require_start = lambda: None"}
-    assert prepared(tmp_path, device="auto", JAX_PLATFORMS="cuda", **started)["JAX_PLATFORMS"] == "cuda"
+    assert (
+        prepared(tmp_path, device="auto", JAX_PLATFORMS="cuda", **started)["JAX_PLATFORMS"]
+        == "cuda"
+    )
     assert "JAX_PLATFORMS" not in prepared(tmp_path, device="auto")
 
 
@@ -150,109 +145,37 @@ def test_a_cache_that_cannot_be_written_is_left_out_and_said(tmp_path):
     ],
 )
 def test_mujoco_is_given_what_it_can_import(tmp_path, there, environment, expected):
-    found = prepared(tmp_path, patch=f"backend.rendering._loads = lambda library: {there}", **environment)
+    found = prepared(
+        tmp_path, patch=f"backend.rendering._loads = lambda library: {there}", **environment
+    )
     assert found["MUJOCO_GL"] == expected
-    assert found["set by us"].get("MUJOCO_GL") == (None if environment.get("MUJOCO_GL") == expected else expected)
-
-
-NUMBERS = """
-import sys
-from dronecombat_jax.machine import backend
-if {before}: import jax
-backend.prepare("cpu")
-import jax, jax.numpy as jnp
-print((jnp.arange(2) + jnp.ones((2, 2)) * 0.5).dtype, jax.jit(lambda x: isinstance(x, jax.core.Tracer))(1.0))
-"""
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "before"),
-    [
-        ("JAX_ENABLE_X64", "1", False),
-        ("JAX_ENABLE_X64", "1", True),  # JAX has read it already
-        ("JAX_NUMPY_DTYPE_PROMOTION", "strict", False),
-        ("JAX_NUMPY_RANK_PROMOTION", "raise", False),
-        ("JAX_DISABLE_JIT", "true", False),
-        ("JAX_USE_SHARDY_PARTITIONER", "0", False),
-        ("JAX_TRANSFER_GUARD", "disallow", True),
-        ("JAX_ERROR_CHECKING_BEHAVIOR_NAN", "raise", False),
-    ],
-)
-def test_numbers_are_float32_whatever_is_set(tmp_path, name, value, before):
-    environment = CLEAN | {"DRONECOMBAT_CACHE": str(tmp_path), name: value}
-    command = [sys.executable, "-c", NUMBERS.format(before=before)]
-    result = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert result.stdout == "float32 True\n", result.stderr
-    (line,) = (line for line in result.stderr.splitlines() if line.startswith("note: "))
-    assert line.startswith(f"note: {name}={value!r} is not used: ")
-
-
-def test_what_changes_nothing_is_neither_mentioned_nor_does_it_start_jax(tmp_path):
-    harmless = {
-        "JAX_ENABLE_X64": "False",
-        "JAX_TRANSFER_GUARD": "log",
-        "JAX_PLATFORMS": "cpu",
-        "JAX_COMPILATION_CACHE_DIR": str(tmp_path),
-    }
-    found = prepared(tmp_path, device="auto", **harmless)
-    assert found["said"] == "" and harmless.items() <= found.items()
-    assert found["set by us"].keys() & harmless.keys() == set()
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "reason"),
-    [
-        ("JAX_PLATFORMS", "cuda", "there is no such device on this machine"),
-        ("JAX_PLATFORMS", "foo", "Unable to initialize backend 'foo'"),
-        ("JAX_PLATFORM_NAME", "cuda", "Unknown backend cuda"),
-        ("JAX_DEFAULT_DEVICE", "cuda", "jax.default_device must be passed"),
-        ("JAX_DEFAULT_PRNG_IMPL", "foo", 'Invalid value "foo"'),
-        ("JAX_DEBUG_NANS", "foo", "invalid truth value 'foo'"),
-        ("JAX_NO_EXECUTION", "1", "JAX tried to execute function"),
-    ],
-)
-def test_variables_with_which_jax_does_not_start_are_one_line(tmp_path, name, value, reason):
-    """Every command that computes prepares so; `cpu` by name wins over the devices among the variables."""
-    environment = CLEAN | {"DRONECOMBAT_CACHE": str(tmp_path), name: value}
-    command = [sys.executable, "-m", "dronecombat_jax", "tournament", "scripted:dash", "--name", str(tmp_path / "t")]
-    result = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert (result.returncode, result.stdout) == (EXIT_CONFIG, "")
-    (line,) = result.stderr.splitlines()
-    assert line.startswith(f"error: JAX does not start with {name}='{value}' ({reason}")
-
-
-def test_a_program_in_float64_is_told_that_the_game_is_float32():
-    code = """
-import jax
-jax.config.update("jax_enable_x64", True)
-from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config.fields import Config
-from dronecombat_jax.errors import UserError
-try:
-    Combat(Config())
-except UserError as error:
-    print(error.exit_code, error.message)
-jax.config.update("jax_enable_x64", False)
-assert Combat(Config()).reset(jax.random.key(0)).qpos.dtype == "float32"
-"""
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr
-    assert result.stdout.startswith("2 jax_enable_x64 is on, and the game and its networks compute in float32. Fix: ")
-    assert len(result.stdout.splitlines()) == 1
+    assert found["set by us"].get("MUJOCO_GL") == (
+        None if environment.get("MUJOCO_GL") == expected else expected
+    )
 
 
 @pytest.mark.parametrize("python", [(3, 11, 7), (3, 12, 1)])
 @pytest.mark.parametrize("version", ["0.10.0", "0.10.1", "0.10.2", "0.11.0", "0.11.1"])
-def test_known_bad_jax_is_refused_with_reason_and_the_pinned_versions_as_remedy(monkeypatch, version, python):
+def test_known_bad_jax_is_refused_with_reason_and_the_pinned_versions_as_remedy(
+    monkeypatch, version, python
+):
     monkeypatch.setattr(metadata, "version", lambda name: version)
     monkeypatch.setattr(sys, "version_info", python)
-    with pytest.raises(UserError, match=rf"jax {version} cannot be used: .*\. Fix: pip install '.*'$") as caught:
+    with pytest.raises(
+        UserError, match=rf"jax {version} cannot be used: .*\. Fix: pip install '.*'$"
+    ) as caught:
         backend.prepare("cpu")
     assert caught.value.exit_code == EXIT_CONFIG
     assert "\n" not in caught.value.message
-    pins = [Requirement(line) for line in CONSTRAINTS.read_text().splitlines() if not line.startswith("#")]
+    pins = [
+        Requirement(line)
+        for line in CONSTRAINTS.read_text().splitlines()
+        if not line.startswith("#")
+    ]
     here = {"python_full_version": ".".join(map(str, python))}
-    pinned = {f"{pin.name}{pin.specifier}" for pin in pins if not pin.marker or pin.marker.evaluate(here)}
+    pinned = {
+        f"{pin.name}{pin.specifier}" for pin in pins if not pin.marker or pin.marker.evaluate(here)
+    }
     remedy = set(re.findall(r"'(.*?)'", caught.value.message.partition("Fix: ")[2]))
     assert {name.partition("==")[0] for name in remedy} >= {"jax", "jaxlib"} and remedy <= pinned
 
@@ -273,7 +196,9 @@ def test_a_device_that_is_not_in_the_machine_is_an_error(device):
 
 def test_mjx_is_imported_without_a_word_on_stdout():
     code = "from dronecombat_jax.machine import backend; assert backend.import_mjx().step"
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert result.stdout == ""
 
 

@@ -19,7 +19,8 @@ NOWHERE = {"DISPLAY": ":99"}  # an X server that has gone, as in a container or 
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="these libraries are Linux's")
 
-# MUJOCO_GL, other variables, libraries that are there -> platform, or words of the line that says why not
+# MUJOCO_GL, other variables, libraries that are there -> platform, or words of the line that says
+# why not
 TABLE = [
     ("", {}, EGL, "egl"),
     ("", NOWHERE, EGL, "egl"),
@@ -37,7 +38,12 @@ TABLE = [
     ("egl", {"DISPLAY": ":0"}, OSMESA, "libEGL.so.1 cannot be loaded"),
     ("egl", {}, ("libEGL.so.1",), "libOpenGL.so.0 cannot be loaded"),
     ("osmesa", {}, (*EGL, *OSMESA), "osmesa"),
-    ("osmesa", {"DISPLAY": ":0"}, EGL, "libOSMesa.so.8 cannot be loaded. Fix: apt-get install libosmesa6"),
+    (
+        "osmesa",
+        {"DISPLAY": ":0"},
+        EGL,
+        "libOSMesa.so.8 cannot be loaded. Fix: apt-get install libosmesa6",
+    ),
     ("glfw", {"DISPLAY": ":0"}, (), "glfw"),
     ("glx", NOWHERE, EGL, "glfw"),
     ("on", NOWHERE, EGL, "glfw"),
@@ -84,13 +90,27 @@ CELLS = [
     (gl, display, hidden)
     for gl in ("", "egl", "osmesa", "glfw", "off", "vulkan")
     for display in ("", ":99")
-    for hidden in ((), ("libEGL",), ("libOpenGL", "libGL."), ("libEGL", "libOpenGL", "libGL.", "OSMesa"))
+    for hidden in (
+        (),
+        ("libEGL",),
+        ("libOpenGL", "libGL."),
+        ("libEGL", "libOpenGL", "libGL.", "OSMesa"),
+    )
 ]
-FEW = [("", ":99", ()), ("osmesa", "", ("OSMesa",)), ("glfw", ":99", ()), ("egl", "", ("libOpenGL", "libGL."))]
+FEW = [
+    ("", ":99", ()),
+    ("osmesa", "", ("OSMesa",)),
+    ("glfw", ":99", ()),
+    ("egl", "", ("libOpenGL", "libGL.")),
+]
 
 
-def examined(gl: str, display: str, hidden: tuple[str, ...]) -> tuple[bool, str | None, str | None, list[str]]:
-    """Whether doctor's picture was drawn, the fault, what was set, and doctor's lines; nothing on stderr."""
+def examined(
+    gl: str, display: str, hidden: tuple[str, ...]
+) -> tuple[bool, str | None, str | None, list[str]]:
+    """Whether doctor's picture was drawn, the fault, what was set, and doctor's lines; nothing on
+    stderr.
+    """
     variables = os.environ | {"MUJOCO_GL": gl, "DISPLAY": display}
     for name in ("WAYLAND_DISPLAY", "PYOPENGL_PLATFORM"):
         variables.pop(name, None)
@@ -107,7 +127,11 @@ def agree(gl: str, display: str, hidden: tuple[str, ...]) -> None:
     if drawn:
         assert value in (None, "egl", "osmesa") and len(lines) == 1
     else:
-        assert len(lines) == 2 and lines[0].startswith("rendering    FAIL ") and lines[1].split()[0] == "fix:"
+        assert (
+            len(lines) == 2
+            and lines[0].startswith("rendering    FAIL ")
+            and lines[1].split()[0] == "fix:"
+        )
     if gl in ("off", "vulkan") or hidden == CELLS[3][2] or (gl, display) == ("glfw", ":99"):
         assert not drawn
 
@@ -142,11 +166,19 @@ def test_mujoco_is_imported_and_doctor_agrees_whatever_is_set_and_missing(gl, di
 def test_training_goes_on_and_one_line_says_why_no_fight_is_filmed(tmp_path, variables, films):
     if films and (fault := rendering.fault()):
         pytest.skip(fault)
-    environment = {name: value for name, value in os.environ.items() if name not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")}
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")
+    }
     command = [sys.executable, "-m", "dronecombat_jax", "train", "--preset", "smoke", "--run.video"]
-    result = subprocess.run(command, cwd=tmp_path, env=environment | variables, capture_output=True, text=True)
+    result = subprocess.run(
+        command, cwd=tmp_path, env=environment | variables, capture_output=True, text=True
+    )
     assert (result.returncode, result.stderr) == (0, ""), result.stderr
-    said = [line for line in result.stdout.splitlines() if line.startswith("no picture of a fight: ")]
+    said = [
+        line for line in result.stdout.splitlines() if line.startswith("no picture of a fight: ")
+    ]
     assert len(said) == (not films) and all(" Fix: " in line for line in said)
     run = tmp_path / "runs" / "ippo-smoke"
     assert (run / "evaluation.json").is_file() and (run / "figures" / "learning.png").is_file()
@@ -157,9 +189,17 @@ def test_one_list_of_packages():
     """README, continuous integration and every message name the same ones."""
     named = [*PACKAGES]
     for file in ("README.md", ".ci/run"):
-        lists = re.findall(r"apt-get install (?:-\S+ )*(lib[a-z0-9-]+(?: lib[a-z0-9-]+)*)", (ROOT / file).read_text())
+        lists = re.findall(
+            r"apt-get install (?:-\S+ )*(lib[a-z0-9-]+(?: lib[a-z0-9-]+)*)",
+            (ROOT / file).read_text(),
+        )
         assert [each.split() for each in lists] == [named], file
-    faults = [choose({}, lambda name: False).fault, str(rendering.cannot_draw(RuntimeError("no device")))]
+    faults = [
+        choose({}, lambda name: False).fault,
+        str(rendering.cannot_draw(RuntimeError("no device"))),
+    ]
     assert all(f"apt-get install {' '.join(PACKAGES)} " in fault for fault in faults)
-    others = [path for path in (ROOT / "dronecombat_jax").rglob("*.py") if "libegl1" in path.read_text()]
+    others = [
+        path for path in (ROOT / "dronecombat_jax").rglob("*.py") if "libegl1" in path.read_text()
+    ]
     assert [path.name for path in others] == ["rendering.py"]

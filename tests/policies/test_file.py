@@ -1,13 +1,10 @@
-"""A policy comes back from its file bit for bit, flies the same without JAX, and is refused when anything is off."""
+"""A policy comes back from its file bit for bit, flies the same without JAX, and is refused when
+anything is off.
+"""
 
-import ast
 import hashlib
 import json
 import math
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import jax
@@ -15,7 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from policies import SIZES, assert_same_actions, make_info, make_policy, observations
+from policies import SIZES, make_info, make_policy
+from policy_files import write
 
 from dronecombat_jax.combat.fingerprint import environment_digest
 from dronecombat_jax.config.fields import Config, GameConfig, LearnConfig, SimConfig
@@ -23,9 +21,12 @@ from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
 from dronecombat_jax.files import tensorfile
 from dronecombat_jax.files.tensorfile import PolicyError
 from dronecombat_jax.learn.rollout import policy_mean
-from dronecombat_jax.policies import numpy_policy
-from dronecombat_jax.policies.file import digest_of, load_policy, require_environment, save_policy, tensors_of
-from dronecombat_jax.policies.info import metadata_of
+from dronecombat_jax.policies.file import (
+    load_policy,
+    require_environment,
+    save_policy,
+    tensors_of,
+)
 from dronecombat_jax.policies.numpy_policy import NumpyPolicy
 
 # The mean action of the golden file for np.linspace(-20, 20, 35), by `slow_mean` when it was made.
@@ -38,26 +39,15 @@ def same_bits(a, b) -> bool:
     return all(np.asarray(x).tobytes() == np.asarray(y).tobytes() for x, y in pairs)
 
 
-@pytest.fixture
-def path(tmp_path) -> Path:
-    return tmp_path / "attacker.safetensors"
-
-
-def write(path: Path, tensors: dict | None = None, metadata: dict | None = None) -> Path:
-    """A sound container with a right digest, some of it replaced; None leaves a thing out."""
-    arrays = {**tensors_of(make_policy()), **(tensors or {})}
-    about = {**metadata_of(make_info()), **(metadata or {})}
-    arrays = {name: array for name, array in arrays.items() if array is not None}
-    about = {name: text for name, text in about.items() if text is not None}
-    path.write_bytes(tensorfile.encode(arrays, {"sha256": digest_of(arrays, about), **about}))
-    return path
-
-
 def refusal(path: Path) -> str:
     with pytest.raises(PolicyError) as error:
         load_policy(path)
     message = error.value.message
-    assert error.value.exit_code == EXIT_DATA and message.startswith(f"{path}: ") and message.isprintable()
+    assert (
+        error.value.exit_code == EXIT_DATA
+        and message.startswith(f"{path}: ")
+        and message.isprintable()
+    )
     return message.removeprefix(f"{path}: ")
 
 
@@ -65,10 +55,15 @@ def refusal(path: Path) -> str:
 
 
 def test_it_comes_back_bit_for_bit(path):
-    policy, info = make_policy(), make_info(Config(sim=SimConfig(substeps=3), game=GameConfig(observation="ego")))
+    policy, info = (
+        make_policy(),
+        make_info(Config(sim=SimConfig(substeps=3), game=GameConfig(observation="ego"))),
+    )
     save_policy(path, policy, info)
     loaded = load_policy(path)
-    assert same_bits(loaded.policy, policy) and jax.tree.structure(loaded.policy) == jax.tree.structure(policy)
+    assert same_bits(loaded.policy, policy) and jax.tree.structure(
+        loaded.policy
+    ) == jax.tree.structure(policy)
     assert loaded.info == info and loaded.info.observation == "ego"
     assert loaded.info.control_dt == pytest.approx(0.03)
     first = path.read_bytes()
@@ -81,10 +76,17 @@ def test_everything_is_said_in_text(path):
     save_policy(path, make_policy(), make_info())
     _, metadata = tensorfile.read(path)
     assert metadata["environment_sha256"] == environment_digest(Config())
-    assert hashlib.sha256(metadata["environment"].encode()).hexdigest() == metadata["environment_sha256"]
+    assert (
+        hashlib.sha256(metadata["environment"].encode()).hexdigest()
+        == metadata["environment_sha256"]
+    )
     assert json.loads(metadata["layer_sizes"]) == list(SIZES)
     assert sum(size for _, size in json.loads(metadata["observation_fields"])) == 35
-    assert (metadata["control_dt"], metadata["normalization_clip"], metadata["activation"]) == ("0.02", "5.0", "elu")
+    assert (metadata["control_dt"], metadata["normalization_clip"], metadata["activation"]) == (
+        "0.02",
+        "5.0",
+        "elu",
+    )
     assert (metadata["run"], metadata["seed"], metadata["chunk"], metadata["steps"]) == (
         "ippo-laptop",
         "3",
@@ -109,7 +111,9 @@ def test_a_file_that_is_there_stays_as_it_is(path):
 def test_what_cannot_fly_is_not_written(path):
     broken = make_policy()
     broken.network.weights[0][3, 4] = np.nan
-    with pytest.raises(PolicyError, match=r"not written: NaN or infinity in weights.0 \(1 of 560\)"):
+    with pytest.raises(
+        PolicyError, match=r"not written: NaN or infinity in weights.0 \(1 of 560\)"
+    ):
         save_policy(path, broken, make_info())
     with pytest.raises(PolicyError, match=r"log_std: expected float32\[4\], got float64\[4\]"):
         save_policy(path, make_policy().replace(log_std=np.zeros(4)), make_info())
@@ -131,10 +135,19 @@ def test_other_network_sizes_are_named(path):
     [
         ({"log_std": None}, "log_std: expected float32[4], got nothing"),
         ({"value.0": np.zeros(3, np.float32)}, "value.0: expected nothing, got float32[3]"),
-        ({"weights.1": np.zeros((8, 16), np.float32)}, "weights.1: expected float32[16,8], got float32[8,16]"),
-        ({"log_std": np.zeros((4, 1), np.float32)}, "log_std: expected float32[4], got float32[4,1]"),
+        (
+            {"weights.1": np.zeros((8, 16), np.float32)},
+            "weights.1: expected float32[16,8], got float32[8,16]",
+        ),
+        (
+            {"log_std": np.zeros((4, 1), np.float32)},
+            "log_std: expected float32[4], got float32[4,1]",
+        ),
         ({"biases.0": np.full(16, np.nan, np.float32)}, "NaN or infinity in biases.0 (16 of 16)"),
-        ({"observation_mean": np.full(35, np.inf, np.float32)}, "NaN or infinity in observation_mean"),
+        (
+            {"observation_mean": np.full(35, np.inf, np.float32)},
+            "NaN or infinity in observation_mean",
+        ),
         ({"observation_variance": np.full(35, -1, np.float32)}, "observation_variance is negative"),
     ],
 )
@@ -147,7 +160,10 @@ def test_arrays_that_cannot_fly(path, tensors, words):
     [
         ({"format": None}, "no policy of dronecombat"),
         ({"format": "pt"}, "no policy of dronecombat"),
-        ({"format_version": "2"}, "it has format 2, this version reads up to 1: upgrade dronecombat-jax"),
+        (
+            {"format_version": "2"},
+            "it has format 2, this version reads up to 1: upgrade dronecombat-jax",
+        ),
         ({"format_version": "0"}, "metadata format_version is 0: expected 1"),
         ({"format_version": "-1"}, "metadata format_version is -1"),
         ({"format_version": "9" * 5000}, "metadata format_version is 999"),
@@ -157,11 +173,17 @@ def test_arrays_that_cannot_fly(path, tensors, words):
         ({"observation_fields": '[["p_a", 35]]'}, "metadata observation_fields is"),
         ({"normalize_observations": "yes"}, "metadata normalize_observations is yes"),
         ({"normalization_clip": "10.0"}, "metadata normalization_clip is 10.0: expected 5.0"),
-        ({"normalization_epsilon": "1e-05"}, "metadata normalization_epsilon is 1e-05: expected 1e-08"),
+        (
+            {"normalization_epsilon": "1e-05"},
+            "metadata normalization_epsilon is 1e-05: expected 1e-08",
+        ),
         ({"control_dt": "0.01"}, "metadata control_dt is 0.01: expected 0.02"),
         ({"layer_sizes": "[35, 4]"}, "metadata layer_sizes is [35, 4]"),
         ({"layer_sizes": "[36, 16, 8, 4]"}, "metadata layer_sizes is [36, 16, 8, 4]"),
-        ({"layer_sizes": "[35, 1000000000000, 4]"}, "metadata layer_sizes is [35, 1000000000000, 4]"),
+        (
+            {"layer_sizes": "[35, 1000000000000, 4]"},
+            "metadata layer_sizes is [35, 1000000000000, 4]",
+        ),
         ({"layer_sizes": "[35" + ", 8" * 10_000 + ", 4]"}, "metadata layer_sizes is [35, 8"),
         ({"layer_sizes": "[" * 50_000}, "recursion"),
         ({"environment": "[]"}, "metadata environment is []: expected an object"),
@@ -185,7 +207,11 @@ def test_further_metadata_are_welcome(path):
     assert load_policy(write(path, metadata={"title": "the red one"})).info == make_info()
 
 
-@given(place=st.floats(0, 1, exclude_max=True), byte=st.integers(0, 255), kind=st.sampled_from(["flip", "drop", "add"]))
+@given(
+    place=st.floats(0, 1, exclude_max=True),
+    byte=st.integers(0, 255),
+    kind=st.sampled_from(["flip", "drop", "add"]),
+)
 @settings(max_examples=150, deadline=None)
 def test_any_changed_byte_is_noticed(tmp_path_factory, place, byte, kind):
     path = tmp_path_factory.getbasetemp() / "flipped.safetensors"
@@ -225,71 +251,25 @@ def test_scaled_observations_are_not_left_to_chance():
 # without JAX
 
 
-@pytest.mark.parametrize("normalize", [True, False])
-@pytest.mark.parametrize("sizes", [(35, 256, 128, 4), (35, 7, 4)])
-def test_numpy_alone_gives_the_same_actions(path, sizes, normalize):
-    policy = make_policy(sizes, seed=2)
-    save_policy(path, policy, make_info(layer_sizes=sizes, normalize_observations=normalize))
-    alone = NumpyPolicy(path)
-    ours = jax.jit(lambda seen: policy_mean(LearnConfig(normalize_observations=normalize), policy, seen))
-    for spread in (1.0, 4.0, *((1e4, 1e30) if normalize else ())):  # 4: some parts are clipped; 1e4: nearly all
-        seen = observations(policy, spread, normalize)
-        assert_same_actions(alone(seen), np.asarray(ours(seen)))
-        assert_same_actions(np.stack([alone(one) for one in seen[:20]]), np.asarray(ours(seen))[:20])
-    assert alone(np.zeros(35)).shape == (4,) and alone(np.zeros(35)).dtype == np.float32
-
-
-def test_the_clip_acts_on_far_observations(path):
-    save_policy(path, make_policy(), make_info())
-    alone, seen = NumpyPolicy(path), np.full(35, 1e6)
-    assert np.array_equal(alone(seen), alone(seen * 10)) and not np.array_equal(alone(seen), alone(-seen))
-
-
-@pytest.mark.parametrize("shape", [(), (1,), (34,), (35, 1), (2, 36)])
-def test_numpy_alone_refuses_observations_of_another_size(path, shape):
-    save_policy(path, make_policy(), make_info())
-    with pytest.raises(ValueError, match="its last axis must be 35 long"):
-        NumpyPolicy(path)(np.zeros(shape))
-
-
-def test_numpy_alone_refuses_other_files(path):
-    for content in (bytes(200), b"\x80\x04" + b"\xff" * 200, tensorfile.encode({}, {"format": "pt"})):
-        path.write_bytes(content)
-        with pytest.raises(ValueError):
-            NumpyPolicy(path)
-    with pytest.raises(ValueError, match="NaN or infinity"):
-        NumpyPolicy(write(path, {"log_std": np.full(4, np.inf, np.float32)}))
-
-
-def test_the_file_for_the_robot_stands_alone(tmp_path, path):
-    source = Path(numpy_policy.__file__)
-    tree = ast.parse(source.read_text())
-    imported = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
-    assert imported == {"json", "struct", "numpy"} and not [n for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
-    save_policy(path, make_policy(), make_info())
-    shutil.copy(source, tmp_path / "numpy_policy.py")
-    code = (
-        "import sys, numpy as np\n"
-        "from numpy_policy import NumpyPolicy\n"
-        f"print(NumpyPolicy({path.name!r})(np.arange(35.0)).tolist())\n"
-        "assert not {'jax', 'dronecombat_jax', 'safetensors'} & set(sys.modules)"
-    )
-    kernels = {name: value for name, value in os.environ.items() if name.startswith("OPENBLAS")}  # the same bits
-    result = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=kernels)
-    assert result.returncode == 0, result.stderr
-    assert json.loads(result.stdout) == NumpyPolicy(path)(np.arange(35.0)).tolist()
-
-
 # files of earlier releases
 
 
 def slow_mean(tensors: dict[str, np.ndarray], observation: np.ndarray) -> list[float]:
     """The policy as loops over Python numbers."""
-    columns = (each.tolist() for each in (observation, tensors["observation_mean"], tensors["observation_variance"]))
-    x = [max(-5.0, min(5.0, (o - m) / (math.sqrt(v) + 1e-8))) for o, m, v in zip(*columns, strict=True)]
+    columns = (
+        each.tolist()
+        for each in (observation, tensors["observation_mean"], tensors["observation_variance"])
+    )
+    x = [
+        max(-5.0, min(5.0, (o - m) / (math.sqrt(v) + 1e-8)))
+        for o, m, v in zip(*columns, strict=True)
+    ]
     for layer in range(3):
         weight, bias = tensors[f"weights.{layer}"], tensors[f"biases.{layer}"]
-        x = [sum(a * float(weight[i, j]) for i, a in enumerate(x)) + float(bias[j]) for j in range(len(bias))]
+        x = [
+            sum(a * float(weight[i, j]) for i, a in enumerate(x)) + float(bias[j])
+            for j in range(len(bias))
+        ]
         x = x if layer == 2 else [a if a > 0 else math.expm1(a) for a in x]
     return x
 
@@ -297,9 +277,15 @@ def slow_mean(tensors: dict[str, np.ndarray], observation: np.ndarray) -> list[f
 def test_a_file_of_format_1_still_flies():
     """Made by `save_policy(path, make_policy(SIZES, seed=0), make_info())` when format 1 was young."""
     loaded = load_policy(GOLDEN)
-    assert (loaded.info.run, loaded.info.layer_sizes, loaded.info.observation) == ("ippo-laptop", SIZES, "world")
+    assert (loaded.info.run, loaded.info.layer_sizes, loaded.info.observation) == (
+        "ippo-laptop",
+        SIZES,
+        "world",
+    )
     seen = np.linspace(-20.0, 20.0, 35).astype(np.float32)
     expected = slow_mean(tensors_of(loaded.policy), seen)
     assert NumpyPolicy(GOLDEN)(seen) == pytest.approx(expected, abs=1e-6)
-    assert np.asarray(policy_mean(LearnConfig(), loaded.policy, seen)) == pytest.approx(expected, abs=1e-6)
+    assert np.asarray(policy_mean(LearnConfig(), loaded.policy, seen)) == pytest.approx(
+        expected, abs=1e-6
+    )
     assert expected == pytest.approx(EXPECTED, abs=1e-9)

@@ -22,12 +22,22 @@ SIZES = (35, 64, 32, 4)
 def test_onnxruntime_gives_the_same_actions(tmp_path, normalize):
     pytest.importorskip("onnx", reason=MISSING.format("onnx"))
     runtime = pytest.importorskip("onnxruntime", reason=MISSING.format("onnxruntime"))
-    policy, info = make_policy(SIZES), make_info(layer_sizes=SIZES, normalize_observations=normalize)
+    policy, info = (
+        make_policy(SIZES),
+        make_info(layer_sizes=SIZES, normalize_observations=normalize),
+    )
     save_onnx(tmp_path / "a.onnx", policy, info)
     session = runtime.InferenceSession(tmp_path / "a.onnx", providers=["CPUExecutionProvider"])
     (given,), (result,) = session.get_inputs(), session.get_outputs()
-    assert (given.name, given.shape, result.name, result.shape) == ("observation", ["N", 35], "action", ["N", 4])
-    ours = jax.jit(lambda seen: policy_mean(LearnConfig(normalize_observations=normalize), policy, seen))
+    assert (given.name, given.shape, result.name, result.shape) == (
+        "observation",
+        ["N", 35],
+        "action",
+        ["N", 4],
+    )
+    ours = jax.jit(
+        lambda seen: policy_mean(LearnConfig(normalize_observations=normalize), policy, seen)
+    )
     for spread in (1.0, 4.0, *((1e4, 1e30) if normalize else ())):
         seen = observations(policy, spread, normalize)
         assert_same_actions(session.run(None, {"observation": seen})[0], np.asarray(ours(seen)))
@@ -44,7 +54,16 @@ def test_the_graph_is_made_of_few_and_old_operators(tmp_path):
     onnx = pytest.importorskip("onnx", reason=MISSING.format("onnx"))
     save_onnx(tmp_path / "a.onnx", make_policy(SIZES), make_info(layer_sizes=SIZES))
     model = onnx.load(tmp_path / "a.onnx")
-    assert [node.op_type for node in model.graph.node] == ["Sub", "Div", "Clip", "Gemm", "Elu", "Gemm", "Elu", "Gemm"]
+    assert [node.op_type for node in model.graph.node] == [
+        "Sub",
+        "Div",
+        "Clip",
+        "Gemm",
+        "Elu",
+        "Gemm",
+        "Elu",
+        "Gemm",
+    ]
     assert [(opset.domain, opset.version) for opset in model.opset_import] == [("", 13)]
     with pytest.raises(UserError, match="is there already") as error:
         save_onnx(tmp_path / "a.onnx", make_policy(SIZES), make_info(layer_sizes=SIZES))

@@ -18,15 +18,30 @@ from dronecombat_jax.report.figures import OUTCOMES, gather, learning_curves
 from dronecombat_jax.types import ROLES, Cause
 
 
-def record(seed: int, iteration: int, episodes: int, reached: float | None, **more: Any) -> dict[str, Any]:
-    values: dict[str, Any] = {"iteration": iteration, "steps": 100 * iteration, "seed": seed, "episodes": episodes}
+def record(
+    seed: int, iteration: int, episodes: int, reached: float | None, **more: Any
+) -> dict[str, Any]:
+    values: dict[str, Any] = {
+        "iteration": iteration,
+        "steps": 100 * iteration,
+        "seed": seed,
+        "episodes": episodes,
+    }
     values |= {f"outcome/{name}": None if reached is None else 0.0 for name in OUTCOMES}
     if reached is not None:
-        values |= {"outcome/reached": reached, "outcome/timeout": 1.0 - reached, "episode_steps": 50.0 * iteration}
+        values |= {
+            "outcome/reached": reached,
+            "outcome/timeout": 1.0 - reached,
+            "episode_steps": 50.0 * iteration,
+        }
         values |= {"win/attacker": reached, "win/draw": 1.0 - reached, "win/defender": 0.0}
     for role in ROLES:
         values |= {f"kl/{role}": 0.008, f"learning_rate/{role}": 3e-4, f"log_std/{role}": -0.1}
-        values |= {f"explained_variance/{role}": -5.0, f"return/{role}": None, f"crash/{role}": reached}
+        values |= {
+            f"explained_variance/{role}": -5.0,
+            f"return/{role}": None,
+            f"crash/{role}": reached,
+        }
     return values | more
 
 
@@ -46,7 +61,13 @@ print(chosen)
 @pytest.mark.parametrize("named", ["module://matplotlib_inline.backend_inline", "nonsense", "pdf"])
 def test_figures_are_drawn_whatever_mplbackend_names(named: str, tmp_path: Path):
     """A notebook sets it for all that it starts; a choice that is there is kept for the user."""
-    command = [sys.executable, "-c", DRAW, json.dumps([record(0, 1, 3, 0.5)]), str(tmp_path / "a.png")]
+    command = [
+        sys.executable,
+        "-c",
+        DRAW,
+        json.dumps([record(0, 1, 3, 0.5)]),
+        str(tmp_path / "a.png"),
+    ]
     environment = os.environ | {"MPLBACKEND": named}
     result = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
@@ -68,7 +89,9 @@ def test_gather_aligns_seeds_and_keeps_gaps():
 
 
 def test_bins_weigh_shares_by_the_fights_that_ended(monkeypatch: pytest.MonkeyPatch):
-    """Two bins of two: (1 of 1, 0 of 3) is 1/4 of the fights; (null, 1 of 2) is 1/2; learning rates weigh the same."""
+    """Two bins of two: (1 of 1, 0 of 3) is 1/4 of the fights; (null, 1 of 2) is 1/2; learning rates
+    weigh the same.
+    """
     monkeypatch.setattr(figures, "MOST_POINTS", 2)
     rates = (1.0, 3.0, 5.0)
     shares = ((1, 1.0), (3, 0.0), (0, None))
@@ -85,13 +108,19 @@ def test_bins_weigh_shares_by_the_fights_that_ended(monkeypatch: pytest.MonkeyPa
 RUNS = {
     "one point": [record(0, 1, 3, 0.5)],
     "no fight ended": [record(0, 1, 0, None), record(0, 2, 0, None)],
-    "several seeds, one shorter": [record(seed, i, 5, 0.1 * i) for seed in range(3) for i in range(1, 9 - seed)],
+    "several seeds, one shorter": [
+        record(seed, i, 5, 0.1 * i) for seed in range(3) for i in range(1, 9 - seed)
+    ],
     "keys missing": [{"steps": 10, "seed": 0}],
     "an agent that does not learn": [
-        record(0, i, 2, 1.0, **{f"{key}/defender": None for key in ("kl", "learning_rate", "log_std")})
+        record(
+            0, i, 2, 1.0, **{f"{key}/defender": None for key in ("kl", "learning_rate", "log_std")}
+        )
         for i in (1, 2, 3)
     ],
-    "rate of zero": [record(0, i, 2, 1.0, **{"kl/defender": 0.0, "kl/attacker": 0.0}) for i in (1, 2)],
+    "rate of zero": [
+        record(0, i, 2, 1.0, **{"kl/defender": 0.0, "kl/attacker": 0.0}) for i in (1, 2)
+    ],
 }
 
 
@@ -115,25 +144,39 @@ def test_logarithmic_axes_have_few_plain_numbers_and_their_label_beside_them(
     drawn: list[Figure] = []
     monkeypatch.setattr(figures, "save_figure", lambda figure, path: drawn.append(figure))
     rising = np.geomspace(least, most, 20)
-    learning_curves([record(0, i + 1, 5, 0.5, **{"kl/attacker": kl}) for i, kl in enumerate(rising)], tmp_path, "")
+    learning_curves(
+        [record(0, i + 1, 5, 0.5, **{"kl/attacker": kl}) for i, kl in enumerate(rising)],
+        tmp_path,
+        "",
+    )
     drawn[0].draw_without_rendering()
     (ax,) = (ax for ax in drawn[0].axes if ax.get_title().startswith("KL"))
     low, high = ax.get_ylim()
     shown = [text for text in ax.get_yticklabels() if low <= text.get_position()[1] <= high]
     assert 2 <= len(shown) <= 6 and all(float(text.get_text()) > 0 for text in shown)
     assert not any(text.get_text() for text in ax.get_yticklabels(minor=True))
-    assert 0 < min(text.get_window_extent().x0 for text in shown) - ax.yaxis.label.get_window_extent().x1 < 10
+    assert (
+        0
+        < min(text.get_window_extent().x0 for text in shown) - ax.yaxis.label.get_window_extent().x1
+        < 10
+    )
 
 
 def test_faults_are_named_only_where_they_happened_and_older_records_lack_them():
     def named(records: list[dict[str, Any]]) -> set[str]:
         ax = Figure().add_subplot()
         figures.draw_outcomes(ax, gather(records))
-        return {label for label in ax.get_legend_handles_labels()[1] if "invalid" in label or label == "diverged"}
+        return {
+            label
+            for label in ax.get_legend_handles_labels()[1]
+            if "invalid" in label or label == "diverged"
+        }
 
     sound = [record(0, i, 4, 0.5) for i in (1, 2, 3)]
     assert named(sound) == set()
-    older = [{key: value for key, value in row.items() if "invalid" not in key} for row in sound[:2]]
+    older = [
+        {key: value for key, value in row.items() if "invalid" not in key} for row in sound[:2]
+    ]
     faulty = {"outcome/attacker_invalid": 0.25, "outcome/timeout": 0.25}
     assert named([*older, sound[2] | faulty]) == {"attacker's action invalid"}
 

@@ -43,15 +43,24 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     four.save(folder / "four.html")
     alone = Replay("alone", "", single.fights, RULES._replace(alone=True))
     alone.save(folder / "alone.html")
-    cells = f"<body style='margin: 0'>{single._repr_html_()}<p>between</p>{four._repr_html_()}</body>"
-    (folder / "cells.html").write_text(f"<!doctype html><meta charset=utf-8><link rel=icon href=data:,>{cells}")
+    cells = (
+        f"<body style='margin: 0'>{single._repr_html_()}<p>between</p>{four._repr_html_()}</body>"
+    )
+    (folder / "cells.html").write_text(
+        f"<!doctype html><meta charset=utf-8><link rel=icon href=data:,>{cells}"
+    )
     return {path.stem: path.as_uri() for path in folder.iterdir()}
 
 
 def picture(tab: Tab, centre: tuple[float, float] | None = None, half: int = 24) -> np.ndarray:
     """A screenshot [H, W, 3], whole or around a point."""
     tab.settle()
-    clip = centre and {"x": centre[0] - half, "y": centre[1] - half, "width": 2 * half, "height": 2 * half}
+    clip = centre and {
+        "x": centre[0] - half,
+        "y": centre[1] - half,
+        "width": 2 * half,
+        "height": 2 * half,
+    }
     with Image.open(io.BytesIO(tab.page.screenshot(clip=clip or None))) as image:
         return np.asarray(image.convert("RGB"), int)
 
@@ -82,7 +91,13 @@ def test_drones_move_where_they_should_while_it_plays(browser: Any, pages: dict[
 def test_keys_slider_and_buttons_move_the_time(browser: Any, pages: dict[str, str]):
     tab = Tab(browser, pages["one"], WIDE)
     at = lambda: tab.run("return replay.clock.time")
-    for key, time in (("End", 2.0), ("ArrowLeft", 1.98), ("Shift+ArrowLeft", 1.78), ("ArrowRight", 1.8), ("Home", 0.0)):
+    for key, time in (
+        ("End", 2.0),
+        ("ArrowLeft", 1.98),
+        ("Shift+ArrowLeft", 1.78),
+        ("ArrowRight", 1.8),
+        ("Home", 0.0),
+    ):
         tab.page.keyboard.press(key)
         assert at() == pytest.approx(time), key
     box = tab.page.locator("input[type=range]").bounding_box()
@@ -116,18 +131,25 @@ def test_read_outs_are_the_numbers_of_the_fight(browser: Any, pages: dict[str, s
     assert (numbers[6], numbers[8]) == (f"{apart:.2f}", f"{to_target:.2f}")
     tab.page.keyboard.press("End")
     tab.settle()
-    assert tab.page.locator(".verdict").inner_text() == "Defender wins: it intercepts the attacker after 2.00\u00a0s"
+    assert (
+        tab.page.locator(".verdict").inner_text()
+        == "Defender wins: it intercepts the attacker after 2.00\u00a0s"
+    )
     tab.close()
 
 
 def test_a_fight_of_many_is_enlarged_and_followed(browser: Any, pages: dict[str, str]):
     tab = Tab(browser, pages["four"], WIDE)
     assert (
-        tab.page.locator(".tile:visible").count() == 4 and tab.run("return document.querySelectorAll('*').length") < 20
+        tab.page.locator(".tile:visible").count() == 4
+        and tab.run("return document.querySelectorAll('*').length") < 20
     )
     assert tab.page.locator("h1").inner_text() == HOSTILE
     tab.page.locator(".tile").nth(2).click(position={"x": 100, "y": 90})
-    assert tab.page.locator(".tile:visible").count() == 1 and "3 of 4" in tab.page.locator(".place").inner_text()
+    assert (
+        tab.page.locator(".tile:visible").count() == 1
+        and "3 of 4" in tab.page.locator(".place").inner_text()
+    )
     tab.page.keyboard.press("a")
     tab.settle()
     frame = tab.page.locator("canvas").bounding_box()
@@ -141,7 +163,9 @@ def test_a_fight_of_many_is_enlarged_and_followed(browser: Any, pages: dict[str,
 
 
 def test_a_followed_drone_hides_what_is_behind_it(browser: Any, pages: dict[str, str]):
-    """From behind, its canopy is 6 cm above its centre: 16 pixels, at 3.1 m; the sky is blue, it is orange."""
+    """From behind, its canopy is 6 cm above its centre: 16 pixels, at 3.1 m; the sky is blue, it is
+    orange.
+    """
     tab = Tab(browser, pages["one"], WIDE)
     tab.page.keyboard.press("a")
     tab.settle()
@@ -153,7 +177,9 @@ def test_a_followed_drone_hides_what_is_behind_it(browser: Any, pages: dict[str,
 
 def test_the_mouse_turns_and_zooms_the_view(browser: Any, pages: dict[str, str]):
     tab = Tab(browser, pages["one"], WIDE)
-    view = lambda: tab.run("const { yaw, pitch, zoom } = replay.stage.rig.view; return [yaw, pitch, zoom]")
+    view = lambda: tab.run(
+        "const { yaw, pitch, zoom } = replay.stage.rig.view; return [yaw, pitch, zoom]"
+    )
     first, before = view(), picture(tab)
     tab.page.mouse.move(400, 300)
     tab.page.mouse.down()
@@ -162,7 +188,12 @@ def test_the_mouse_turns_and_zooms_the_view(browser: Any, pages: dict[str, str])
     tab.page.mouse.wheel(0, -300)
     tab.settle()
     yaw, pitch, zoom = view()
-    assert yaw < first[0] and pitch > first[1] and zoom < first[2] and changed(before, picture(tab)) > 5000
+    assert (
+        yaw < first[0]
+        and pitch > first[1]
+        and zoom < first[2]
+        and changed(before, picture(tab)) > 5000
+    )
     tab.page.keyboard.press("0")
     assert view() == first
     tab.close()
@@ -181,12 +212,19 @@ def test_fingers_and_a_narrow_screen(browser: Any, pages: dict[str, str]):
     assert tab.page.evaluate("document.documentElement.scrollWidth") == PHONE[0]
     tab.page.touchscreen.tap(100, 160)
     assert "1 of 4" in tab.page.locator(".place").inner_text()
-    for part in tab.page.locator(".replay button:visible, .replay select:visible, .number:visible").all():
+    for part in tab.page.locator(
+        ".replay button:visible, .replay select:visible, .number:visible"
+    ).all():
         box = part.bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= PHONE[0]
     yaw = tab.run("return replay.stage.rig.view.yaw")
     touch = tab.context.new_cdp_session(tab.page)
-    for kind, x in (("touchStart", 120), ("touchMove", 150), ("touchMove", 190), ("touchEnd", None)):
+    for kind, x in (
+        ("touchStart", 120),
+        ("touchMove", 150),
+        ("touchMove", 190),
+        ("touchEnd", None),
+    ):
         points = [] if x is None else [{"x": x, "y": 180}]
         touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
     assert tab.run("return replay.stage.rig.view.yaw") < yaw - 0.2
@@ -195,8 +233,12 @@ def test_fingers_and_a_narrow_screen(browser: Any, pages: dict[str, str]):
     tab.close()
 
 
-def test_without_webgl_a_sentence_says_so_and_the_numbers_are_there(browser: Any, pages: dict[str, str]):
-    tab = Tab(browser, pages["four"], WIDE, script="HTMLCanvasElement.prototype.getContext = () => null")
+def test_without_webgl_a_sentence_says_so_and_the_numbers_are_there(
+    browser: Any, pages: dict[str, str]
+):
+    tab = Tab(
+        browser, pages["four"], WIDE, script="HTMLCanvasElement.prototype.getContext = () => null"
+    )
     assert "no WebGL" in tab.page.get_by_role("alert").inner_text()
     results = tab.page.locator(".results li")
     assert results.count() == 4 and "Defender wins" in results.nth(1).inner_text()

@@ -17,7 +17,11 @@ PACKAGE = json.loads((VIEWER / "package.json").read_text())
 
 def digest() -> str:
     """As `viewer/build.mjs` computes it, over what the script is made from."""
-    names = ["build.mjs", "package.json", *(f"src/{path.name}" for path in (VIEWER / "src").iterdir())]
+    names = [
+        "build.mjs",
+        "package.json",
+        *(f"src/{path.name}" for path in (VIEWER / "src").iterdir()),
+    ]
     total = hashlib.sha256()
     for name in sorted(names):
         content = (VIEWER / name).read_bytes()
@@ -26,7 +30,9 @@ def digest() -> str:
 
 
 def test_the_built_script_names_these_sources():
-    assert sources() == digest(), "the page's sources have changed: npm install && npm run build in viewer/"
+    assert sources() == digest(), (
+        "the page's sources have changed: npm install && npm run build in viewer/"
+    )
 
 
 def test_versions_are_exact_and_no_host_is_named():
@@ -35,7 +41,9 @@ def test_versions_are_exact_and_no_host_is_named():
     lock = (VIEWER / "package-lock.json").read_text()
     assert "resolved" not in lock and "http" not in lock
     locked = json.loads(lock)["packages"]
-    assert all(locked[f"node_modules/{name}"]["version"] == version for name, version in versions.items())
+    assert all(
+        locked[f"node_modules/{name}"]["version"] == version for name, version in versions.items()
+    )
 
 
 def test_the_licence_of_what_is_inside_is_beside_it_and_in_it():
@@ -51,5 +59,7 @@ def test_a_new_build_is_the_same_to_the_byte(tmp_path):
     if not installed.is_file():
         pytest.skip("npm install in viewer/ brings what the replay page is built with")
     assert json.loads(installed.read_text())["version"] == PACKAGE["devDependencies"]["three"]
-    subprocess.run(["node", "build.mjs", str(tmp_path)], cwd=VIEWER, check=True, capture_output=True)
+    subprocess.run(
+        ["node", "build.mjs", str(tmp_path)], cwd=VIEWER, check=True, capture_output=True
+    )
     assert (tmp_path / "replay.js").read_bytes() == SCRIPT.read_bytes()

@@ -38,13 +38,17 @@ def test_states_survive_packing_to_a_fraction_of_a_millimetre():
     np.testing.assert_allclose(states[..., 10:], flown.action, atol=2e-5)
 
 
-@pytest.mark.parametrize(("count", "steps", "every"), [(1, 8191, 1), (1, 8192, 2), (16, 500, 1), (16, 30_000, 59)])
+@pytest.mark.parametrize(
+    ("count", "steps", "every"), [(1, 8191, 1), (1, 8192, 2), (16, 500, 1), (16, 30_000, 59)]
+)
 def test_long_fights_are_thinned_out_and_keep_their_end(count: int, steps: int, every: int):
     """16 fights may keep 512 states each: of 30,001 every 59th are 509, and the last."""
     thinned = replay_data("", "", fights(count, steps), RULES)["fights"]
     assert all(fight["dt"] == pytest.approx(every * CONTROL_DT) for fight in thinned)
     assert sum(fight["frames"] for fight in thinned) <= MOST_STATES
-    assert unpacked(thinned[0])[-1, 1, :3] == pytest.approx(fights(1, steps)[0].trajectory.qpos[-1, 7:10], abs=1e-3)
+    assert unpacked(thinned[0])[-1, 1, :3] == pytest.approx(
+        fights(1, steps)[0].trajectory.qpos[-1, 7:10], abs=1e-3
+    )
     assert thinned[0]["result"]["time"] == pytest.approx(steps * CONTROL_DT)
 
 
@@ -69,7 +73,11 @@ def test_a_drone_that_went_down_on_the_way_is_an_event_and_the_end_comes_last():
     first, last = data_of(flown)[0]["events"]
     assert first == {"kind": "crash", "time": pytest.approx(0.8), "text": "Defender crashes", "colour": "defender",
                      "place": pytest.approx(flown.qpos[40, :3], abs=1e-3), "roles": [0]}  # fmt: skip
-    assert (last["kind"], last["text"], last["time"]) == ("end", "Attacker reaches the target", pytest.approx(2.0))
+    assert (last["kind"], last["text"], last["time"]) == (
+        "end",
+        "Attacker reaches the target",
+        pytest.approx(2.0),
+    )
 
 
 def test_the_crash_that_ends_a_fight_is_told_once():
@@ -83,14 +91,20 @@ def test_an_absent_defender_has_no_events():
     flown = duel(cause=Cause.REACHED)
     flown.qpos[:, 2] = 0.0
     (fight,) = data_of(flown, rules=RULES._replace(alone=True))
-    assert fight["alone"] and [event["text"] for event in fight["events"]] == ["Attacker reaches the target"]
+    assert fight["alone"] and [event["text"] for event in fight["events"]] == [
+        "Attacker reaches the target"
+    ]
 
 
 def test_every_end_is_one_sentence_that_names_the_winner():
     """The winner of every cause by the rules of the game, not by the page."""
     winners = outcome_table(GameConfig(timeout_rule="defender"))
     sentences = {cause.name: verdict(cause, winners[cause], 1.5) for cause in Cause}
-    begins = {Outcome.DEFENDER: "Defender wins: ", Outcome.ATTACKER: "Attacker wins: ", Outcome.DRAW: "Nobody wins: "}
+    begins = {
+        Outcome.DEFENDER: "Defender wins: ",
+        Outcome.ATTACKER: "Attacker wins: ",
+        Outcome.DRAW: "Nobody wins: ",
+    }
     assert sentences.pop("NONE") == "No result: the fight was cut short"
     assert all(text.startswith(begins[winners[Cause[name]]]) for name, text in sentences.items())
     assert sentences["INTERCEPT"] == "Defender wins: it intercepts the attacker after 1.50\u00a0s"

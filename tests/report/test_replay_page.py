@@ -33,7 +33,9 @@ class Elements(HTMLParser):
 
 def data_in(text: str) -> dict:
     """What a page hands to its script."""
-    (call,) = re.findall(r'^dronecombatReplay\("[^"]+", (.*), \{"embedded": \w+\}\);', text, re.MULTILINE)
+    (call,) = re.findall(
+        r'^dronecombatReplay\("[^"]+", (.*), \{"embedded": \w+\}\);', text, re.MULTILINE
+    )
     return json.loads(call)
 
 
@@ -59,7 +61,12 @@ def test_nothing_is_asked_for():
     text = replay().page()
     policy = next(attrs["content"] for tag, attrs in Elements(text).tags if attrs.get("http-equiv"))
     assert "default-src 'none'" in policy and "connect-src" not in policy
-    named = [value for _, attrs in Elements(text).tags for name, value in attrs.items() if name in ("src", "href")]
+    named = [
+        value
+        for _, attrs in Elements(text).tags
+        for name, value in attrs.items()
+        if name in ("src", "href")
+    ]
     assert named == ["data:,"]
     assert not re.search(r"\bimport\s*\(|importScripts|new Worker|eval\(", script())
 

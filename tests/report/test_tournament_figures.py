@@ -1,4 +1,6 @@
-"""Every figure of a tournament draws, says what it rests on, and shows degenerate results without inventing any."""
+"""Every figure of a tournament draws, says what it rests on, and shows degenerate results without
+inventing any.
+"""
 
 import numpy as np
 import pytest
@@ -33,16 +35,28 @@ def pilots_only() -> TournamentResult:
 
 def hostile() -> TournamentResult:
     bad = ["$x$_{", "a\nb<script>", "=1+1", "ü" * 300, "</style>&"]
-    side = [one._replace(label=bad[i % 5], method=bad[i % 2]) for i, one in enumerate(entrants("d", 1, 5))]
+    side = [
+        one._replace(label=bad[i % 5], method=bad[i % 2])
+        for i, one in enumerate(entrants("d", 1, 5))
+    ]
     return build(np.full((5, 5, 2), Cause.TIMEOUT, np.int8), side, side)
 
 
 DEGENERATE = {  # name: the result, and what must be said to be missing
-    "unbeaten attacker": (from_letters([["lll", "wld"], ["lll", "dww"]]), "1 of 4 ratings are open"),
+    "unbeaten attacker": (
+        from_letters([["lll", "wld"], ["lll", "dww"]]),
+        "1 of 4 ratings are open",
+    ),
     "only draws": (from_letters([["ddd", "ddd"], ["ddd", "ddd"]]), "found no optimum"),
     "one fight": (from_letters([["w"]]), "2 of 2 ratings are open"),
-    "missing cell": (from_letters([["wld", "..."], ["lwl", "dwl"]]), "1 of 4 cells were not played"),
-    "groups that never met": (from_letters([["wl", ".."], ["..", "dd"]]), "2 groups that never met"),
+    "missing cell": (
+        from_letters([["wld", "..."], ["lwl", "dwl"]]),
+        "1 of 4 cells were not played",
+    ),
+    "groups that never met": (
+        from_letters([["wl", ".."], ["..", "dd"]]),
+        "2 groups that never met",
+    ),
     "nobody fought": (from_letters([["..", ".."]]), "no fight as defender"),
     "5 of 6 seeds": (without(planted(3, 2, 4), "s-ippo#1"), "s-ippo#1: no defenders fought"),
     "scripted pilots": (pilots_only(), "ratings are open"),
@@ -84,9 +98,14 @@ def test_every_figure_names_its_axes_its_fights_and_its_seeds(file, sound):
     if "Elo points" in told:
         assert "Gauge: the mean over all entrants of both roles is 1500" in told
     panels = [ax for ax in figure.axes if ax.get_visible() and ax.get_label() != "<colorbar>"]
-    assert all(ax.get_xlabel() or any(text.get_text() for text in ax.get_xticklabels()) for ax in panels)
     assert all(
-        panels[0].get_shared_y_axes().joined(ax, panels[0]) or ax.get_ylabel() or ax.get_yticks().size for ax in panels
+        ax.get_xlabel() or any(text.get_text() for text in ax.get_xticklabels()) for ax in panels
+    )
+    assert all(
+        panels[0].get_shared_y_axes().joined(ax, panels[0])
+        or ax.get_ylabel()
+        or ax.get_yticks().size
+        for ax in panels
     )
     assert any(ax.get_ylabel() for ax in panels) or file == "finals"
 
@@ -119,7 +138,9 @@ def test_own_elo_rates_each_run_by_itself(sound):
 def test_a_policy_saved_again_has_its_value_at_every_time():
     side = [one._replace(steps=one.chunk * 10) for one in entrants("d", 2, 2)]
     side[0] = side[0]._replace(
-        chunk=2, steps=20, also=(Alias("", "ippo", "ippo", 0, 1, 10), Alias("", "other", "copy", 5, 4, 40))
+        chunk=2,
+        steps=20,
+        also=(Alias("", "ippo", "ippo", 0, 1, 10), Alias("", "other", "copy", 5, 4, 40)),
     )
     side[1] = side[1]._replace(chunk=3, steps=30)
     lines = timelines_of(side, np.arange(4.0), ["ippo", "other"])
@@ -150,7 +171,8 @@ def test_a_report_does_not_depend_on_how_the_entrants_are_listed():
 
 
 def test_time_lines_align_seeds_by_steps_and_leave_gaps():
-    side = [one._replace(steps=one.chunk * 10) for one in entrants("d", 2, 3)][:5]  # seed 1 lacks its third chunk
+    # seed 1 lacks its third chunk
+    side = [one._replace(steps=one.chunk * 10) for one in entrants("d", 2, 3)][:5]
     line = timelines_of(side, np.arange(5.0), ["ippo"])["ippo"]
     assert line.lineages == ("ippo#0", "ippo#1") and line.steps.tolist() == [10, 20, 30]
     np.testing.assert_array_equal(line.values, [[0, 1, 2], [3, 4, np.nan]])
@@ -166,6 +188,7 @@ def test_names_stay_on_one_line_and_begin_no_formula():
 
 
 def test_a_mean_over_seeds_is_drawn_only_where_all_have_a_checkpoint():
-    values = np.asarray([[1.0, 2.0, np.nan, 4.0], [1.0, np.nan, 3.0, 4.0], [np.nan] * 4])  # the third never fought
+    # the third never fought
+    values = np.asarray([[1.0, 2.0, np.nan, 4.0], [1.0, np.nan, 3.0, 4.0], [np.nan] * 4])
     assert common(values).tolist() == [True, False, False, True]
     assert not common(np.full((2, 3), np.nan)).any()

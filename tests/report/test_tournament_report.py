@@ -25,21 +25,35 @@ BAD = ["=1+1", "+x", "-x", "@x", "a\nb", '"quoted", <b>&', "ü" * 300]
 def test_hostile_names_neither_break_a_csv_nor_start_a_formula():
     rows = tuple((name, -1.5, float("nan"), float("inf")) for name in BAD)
     read = list(csv.reader(io.StringIO(to_csv(Table("t", "", ("name", "a", "b", "c"), rows)))))
-    assert [row[0] for row in read[1:]] == ["'=1+1", "'+x", "'-x", "'@x", "a?b", '"quoted", <b>&', "ü" * 300]
+    assert [row[0] for row in read[1:]] == [
+        "'=1+1",
+        "'+x",
+        "'-x",
+        "'@x",
+        "a?b",
+        '"quoted", <b>&',
+        "ü" * 300,
+    ]
     assert all(row[1:] == ["-1.5", "", "inf"] for row in read[1:])
 
 
 def test_json_is_plain():
-    told = json.loads(to_json(records(Table("t", "about", ("a", "b"), ((float("inf"), np.float64("nan")),)))))
+    told = json.loads(
+        to_json(records(Table("t", "about", ("a", "b"), ((float("inf"), np.float64("nan")),))))
+    )
     assert told == {"about": "about", "rows": [{"a": None, "b": None}]}
 
 
 def test_ratings_count_an_attackers_wins_as_the_defenders_losses():
     """By hand: the defender beats the first attacker twice, and draws and loses against the second."""
-    cause = np.asarray([[[Cause.INTERCEPT, Cause.INTERCEPT], [Cause.TIMEOUT, Cause.REACHED]]], np.int8)
+    cause = np.asarray(
+        [[[Cause.INTERCEPT, Cause.INTERCEPT], [Cause.TIMEOUT, Cause.REACHED]]], np.int8
+    )
     told = study(build(cause, entrants("d", 1, 1), entrants("a", 1, 2)), QUICK)
     rows = records(tables(told)[0])["rows"]
-    assert [(row["role"], row["wins"], row["draws"], row["losses"], row["mean_score"]) for row in rows] == [
+    assert [
+        (row["role"], row["wins"], row["draws"], row["losses"], row["mean_score"]) for row in rows
+    ] == [
         ("defender", 2, 1, 1, 0.625),
         ("attacker", 0, 0, 2, 0.0),
         ("attacker", 1, 1, 0, 0.75),
@@ -49,8 +63,20 @@ def test_ratings_count_an_attackers_wins_as_the_defenders_losses():
 
 def test_the_page_escapes_what_is_foreign_and_asks_nobody():
     table = Table("t", "<i>", ("name", "value"), tuple((name, 1.0) for name in BAD))
-    html = page("<script>", BAD, (["<b>"], "<pre>"), ["</style>"], [Picture("p", "<h>", "&", b"png")], [table])
-    assert "<script" not in html and "<i>" not in html and "<b>" not in html and html.count("</style>") == 1
+    html = page(
+        "<script>",
+        BAD,
+        (["<b>"], "<pre>"),
+        ["</style>"],
+        [Picture("p", "<h>", "&", b"png")],
+        [table],
+    )
+    assert (
+        "<script" not in html
+        and "<i>" not in html
+        and "<b>" not in html
+        and html.count("</style>") == 1
+    )
     assert set(re.findall(r'(?:src|href)="([^"]{5})', html)) <= {"data:", "#p"}
     assert "http:" not in html and "https:" not in html and "default-src 'none'" in html
 
@@ -61,7 +87,11 @@ def test_the_whole_report(tmp_path):
     assert all(path.stat().st_size for path in files)
     names = {path.relative_to(tmp_path / "report").as_posix() for path in files}
     assert {f"figures/{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")} < names
-    assert {f"tables/{name}.{kind}" for name in ("ratings", "win_rates", "endings") for kind in ("csv", "json")} < names
+    assert {
+        f"tables/{name}.{kind}"
+        for name in ("ratings", "win_rates", "endings")
+        for kind in ("csv", "json")
+    } < names
     html = files[0].read_text()
     assert html.count('src="data:image/png;base64,') == len(FIGURES)
     assert "UNDECIDED" in html and "skipped: one" in html

@@ -1,4 +1,7 @@
-"""The picture and the video of a fight. Rendering is skipped, with the reason, where EGL is missing."""
+"""The picture and the video of a fight.
+
+Rendering is skipped, with the reason, where EGL is missing.
+"""
 
 import io
 from pathlib import Path
@@ -100,7 +103,9 @@ def test_every_second_frame_of_a_moving_picture_is_shown_twice_as_long(encode):
 def test_awkward_fights_are_drawn(case: str, scene: Scene, tmp_path: Path):
     fight = fly(scene, cause=Cause.TIMEOUT)
     if case == "one state":
-        fight = fight._replace(time=fight.time[:1], qpos=fight.qpos[:1], qvel=fight.qvel[:1], action=fight.action[:1])
+        fight = fight._replace(
+            time=fight.time[:1], qpos=fight.qpos[:1], qvel=fight.qvel[:1], action=fight.action[:1]
+        )
     if case == "diverged":
         fight.qpos[5:, 3] = np.nan
         fight = fight._replace(cause=int(Cause.DIVERGED))
@@ -115,7 +120,9 @@ def test_awkward_fights_are_drawn(case: str, scene: Scene, tmp_path: Path):
 
 @pytest.mark.usefixtures("opengl")
 def test_both_drones_and_the_target_can_be_seen(scene: Scene):
-    """Without each of them, the arena picture differs by hundreds of pixels of 960 x 540, in its colour."""
+    """Without each of them, the arena picture differs by hundreds of pixels of 960 x 540, in its
+    colour.
+    """
     fight = fly(scene)
     with Stage(scene, 960, 540) as stage:
         stage.set_state(fight.qpos[0], fight.target)
@@ -142,33 +149,44 @@ def test_playback_speed():
 
 
 def test_interpolation_is_halfway_and_takes_the_short_arc():
-    """q and -q are one attitude: halfway between a quarter turn about z and its negative twin is that turn."""
+    """q and -q are one attitude: halfway between a quarter turn about z and its negative twin is
+    that turn.
+    """
     qpos = np.zeros((2, 14))
     turn = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
     qpos[:, 3:7], qpos[:, 10:14] = [turn, -turn], [[1, 0, 0, 0], turn]
     qpos[1, 0] = 2.0
-    fight = Trajectory(np.array([0.0, 0.02]), qpos, np.zeros((2, 12)), np.zeros((2, 2, 4)), np.zeros(3), 0, 0.02)
+    fight = Trajectory(
+        np.array([0.0, 0.02]), qpos, np.zeros((2, 12)), np.zeros((2, 2, 4)), np.zeros(3), 0, 0.02
+    )
     middle = interpolate(fight, 0.01)
     assert middle[0] == pytest.approx(1.0)
     np.testing.assert_allclose(middle[3:7], turn)
-    np.testing.assert_allclose(middle[10:14], [np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)])  # 45 degrees
+    # 45 degrees
+    np.testing.assert_allclose(middle[10:14], [np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)])
     np.testing.assert_array_equal(interpolate(fight, 9.0)[:3], qpos[1, :3])
 
 
 def test_bad_trajectories_are_one_clear_line(scene: Scene):
     fight = fly(scene, steps=3)
     broken = fight._replace(qpos=np.full_like(fight.qpos, np.nan))
-    for bad, words in ((broken, "no finite state"), (fight._replace(qpos=fight.qpos[:, :13]), "should be")):
+    for bad, words in (
+        (broken, "no finite state"),
+        (fight._replace(qpos=fight.qpos[:, :13]), "should be"),
+    ):
         with pytest.raises(UserError, match=words) as raised:
             finite_part(bad)
         assert raised.value.exit_code == EXIT_DATA
         assert "\n" not in raised.value.message
 
 
-def test_missing_opengl_names_the_packages(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_missing_opengl_names_the_packages(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     class Broken:
         def __init__(self, *_: int):
-            raise AttributeError("'NoneType' object has no attribute 'eglQueryString'")  # libEGL.so.1 absent
+            # libEGL.so.1 absent
+            raise AttributeError("'NoneType' object has no attribute 'eglQueryString'")
 
     monkeypatch.setattr(rendering, "choice", lambda: rendering.Choice("egl", ""))
     monkeypatch.setattr(rendering, "_context_class", lambda name: Broken)
@@ -179,14 +197,18 @@ def test_missing_opengl_names_the_packages(scene: Scene, tmp_path: Path, monkeyp
     assert not list(tmp_path.iterdir())
 
 
-def test_a_context_that_cannot_draw_is_one_line(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_context_that_cannot_draw_is_one_line(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     """MuJoCo says so when it makes its own context, as it did where GLFW had not started."""
 
     def refuse(*_: object) -> None:
         raise mujoco.FatalError("an OpenGL platform library has not been loaded")
 
     freed = []
-    monkeypatch.setattr(rendering, "open_context", lambda *_: SimpleNamespace(free=lambda: freed.append(1)))
+    monkeypatch.setattr(
+        rendering, "open_context", lambda *_: SimpleNamespace(free=lambda: freed.append(1))
+    )
     monkeypatch.setattr(mujoco, "MjrContext", refuse)
     with pytest.raises(UserError, match="has not been loaded"):
         render_fight(fly(scene, steps=2), scene, tmp_path / "a.png", None)

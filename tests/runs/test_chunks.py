@@ -13,24 +13,41 @@ from dronecombat_jax.runs.chunks import ChunkLog, met, summary
 from dronecombat_jax.types import Cause
 
 CONFIG = Config(
-    selfplay=SelfPlayConfig(probability=0.5), train=TrainConfig(num_envs=4, chunk_iterations=3, total_steps=3 * 96 * 4)
+    selfplay=SelfPlayConfig(probability=0.5),
+    train=TrainConfig(num_envs=4, chunk_iterations=3, total_steps=3 * 96 * 4),
 )
 
 
 def record(iteration: int, episodes: int, reached: int, rate: float | None, seed: int = 0) -> dict:
-    shares = dict.fromkeys((f"outcome/{cause.name.lower()}" for cause in Cause if cause != Cause.NONE), 0.0)
-    shares |= {"win/defender": 0.0, "win/draw": 0.0, "win/attacker": 0.0, "crash/defender": 0.0, "crash/attacker": 0.0}
+    shares = dict.fromkeys(
+        (f"outcome/{cause.name.lower()}" for cause in Cause if cause != Cause.NONE), 0.0
+    )
+    shares |= {
+        "win/defender": 0.0,
+        "win/draw": 0.0,
+        "win/attacker": 0.0,
+        "crash/defender": 0.0,
+        "crash/attacker": 0.0,
+    }
     row = {key: share if episodes else float("nan") for key, share in shares.items()}
     if episodes:
         row["outcome/reached"] = row["win/attacker"] = reached / episodes
-    row |= {"iteration": iteration, "steps": 96 * iteration, "seed": seed, "chunk": -(-iteration // 3)}
+    row |= {
+        "iteration": iteration,
+        "steps": 96 * iteration,
+        "seed": seed,
+        "chunk": -(-iteration // 3),
+    }
     row |= {
         "episodes": episodes,
         "episode_steps": 10.0 * iteration if episodes else float("nan"),
         "diverged": iteration,
     }
     for role in ("defender", "attacker"):
-        row |= {f"{name}/{role}": rate for name in ("learning_rate", "kl", "entropy", "explained_variance")}
+        row |= {
+            f"{name}/{role}": rate
+            for name in ("learning_rate", "kl", "entropy", "explained_variance")
+        }
     return row
 
 
@@ -40,7 +57,9 @@ def test_a_chunk_is_the_sum_of_its_fights_and_the_mean_of_what_was_learnt():
     assert {key: chunk[key] for key in ("chunk", "iteration", "steps", "seed", "iterations", "episodes")} == {
         "chunk": 1, "iteration": 3, "steps": 288, "seed": 0, "iterations": 3, "episodes": 10,
     }  # fmt: skip
-    assert chunk["episode_steps"] == 16.0 and chunk["outcome/reached"] == chunk["win/attacker"] == 0.3
+    assert (
+        chunk["episode_steps"] == 16.0 and chunk["outcome/reached"] == chunk["win/attacker"] == 0.3
+    )
     assert chunk["outcome/timeout"] == 0.0 and chunk["diverged"] == 6
     assert chunk["kl/defender"] == chunk["learning_rate/attacker"] == 0.5
 
@@ -100,7 +119,10 @@ def test_chunks_are_written_at_their_ends_and_begin_anew(tmp_path: Path):
             if iteration % 3 == 0:
                 chunks.write(None)
     rows = read(tmp_path / "chunks.jsonl")
-    assert [(row["chunk"], row["iterations"], row["episodes"]) for row in rows] == [(1, 3, 6), (2, 3, 6)]
+    assert [(row["chunk"], row["iterations"], row["episodes"]) for row in rows] == [
+        (1, 3, 6),
+        (2, 3, 6),
+    ]
     assert [row["seconds/compile"] for row in rows][1] == 0.0
 
 

@@ -1,4 +1,6 @@
-"""Counting fights: intervals against known values, shares, and the command on a run that was just begun."""
+"""Counting fights: intervals against known values, shares, and the command on a run that was just
+begun.
+"""
 
 import json
 from types import SimpleNamespace
@@ -64,10 +66,17 @@ def test_summary_of_counted_fights():
     }
     assert result["cause"]["intercept"][0] == 0.3
     assert sum(share for share, _, _ in result["cause"].values()) == pytest.approx(1.0)
-    assert {role: share for role, (share, _, _) in result["crash"].items()} == {"defender": 0.2, "attacker": 0.2}
-    assert result["seconds"]["mean"] == pytest.approx(0.55) and result["seconds"]["p50"] == pytest.approx(0.55)
+    assert {role: share for role, (share, _, _) in result["crash"].items()} == {
+        "defender": 0.2,
+        "attacker": 0.2,
+    }
+    assert result["seconds"]["mean"] == pytest.approx(0.55) and result["seconds"][
+        "p50"
+    ] == pytest.approx(0.55)
     assert all(
-        low <= share <= high for group in ("win", "cause", "crash") for share, low, high in result[group].values()
+        low <= share <= high
+        for group in ("win", "cause", "crash")
+        for share, low, high in result[group].values()
     )
     json.dumps(result, allow_nan=False)
 
@@ -98,11 +107,16 @@ def test_the_command_writes_what_it_counted(run, capsys):
 
     saved = load_run(run.path, chunk=0)
     assert saved.iteration == 0 and all(
-        np.array_equal(a, b) for a, b in zip(jax.tree.leaves(saved.state), jax.tree.leaves(run.state), strict=True)
+        np.array_equal(a, b)
+        for a, b in zip(jax.tree.leaves(saved.state), jax.tree.leaves(run.state), strict=True)
     )
     again = play(saved, 0, Match(fights=12, seed=3))
     assert json.loads(json.dumps(summary(CONFIG, again))).items() <= row.items()  # the same fights
-    assert again.cause.shape == (12,) and np.all(again.cause != Cause.NONE) and np.all(again.steps <= 25)
+    assert (
+        again.cause.shape == (12,)
+        and np.all(again.cause != Cause.NONE)
+        and np.all(again.steps <= 25)
+    )
     assert np.all(again.steps[again.cause == Cause.TIMEOUT] == 25)
 
 
@@ -120,7 +134,10 @@ def test_a_checkpoint_that_is_not_there(run, tmp_path, capsys):
 def test_a_scripted_pilot_takes_one_place(run, capsys):
     flags = ["--fights", "8", "--attacker", "dash", "--spawn", "uniform"]
     assert cli.main(["evaluate", str(run.path), *flags]) == 0
-    assert "8 fights, mean actions, attacker is the scripted dash, uniform starts" in capsys.readouterr().out
+    assert (
+        "8 fights, mean actions, attacker is the scripted dash, uniform starts"
+        in capsys.readouterr().out
+    )
     assert not (run.path / "evaluation.json").exists()  # that file tells of the run's own two
     beside = run.path / "evaluation-fights8-attacker_dash-spawn_uniform.json"
     (row,) = json.loads(beside.read_bytes())
@@ -171,7 +188,10 @@ def test_a_name_tells_all_that_is_not_the_runs_own():
 @pytest.mark.parametrize(
     ("flags", "told"),
     [
-        (["--attacker", "dahs"], "dahs: no scripted pilot has this name (attackers: dash, weave, high_dive)"),
+        (
+            ["--attacker", "dahs"],
+            "dahs: no scripted pilot has this name (attackers: dash, weave, high_dive)",
+        ),
         (["--defender", "dash"], "dash: no scripted pilot has this name (defenders: hover"),
     ],
 )

@@ -42,7 +42,9 @@ def begun(path, config: Config, steps: tuple[int, ...], log_std=None, meta=None)
     states = {}
     for step in steps:
         rng = np.random.default_rng(step)
-        states[step] = jax.tree.map(lambda leaf: (rng.random(leaf.shape) / 2).astype(leaf.dtype), shapes)  # noqa: B023
+        states[step] = jax.tree.map(
+            lambda leaf, rng=rng: (rng.random(leaf.shape) / 2).astype(leaf.dtype), shapes
+        )
         if log_std is not None:
             states[step].learners.parameters.log_std[:] = log_std
         checkpoint.save(path / "checkpoints", step, states[step], meta or {})
@@ -80,7 +82,9 @@ def test_the_file_holds_the_policy_that_was_asked_for(run, here, capsys, role, a
     for ours, saved in zip(jax.tree.leaves(wanted), jax.tree.leaves(policy), strict=True):
         assert np.asarray(ours).tobytes() == saved.tobytes() and np.shape(ours) == saved.shape
     assert (info.role, info.run, info.seed, info.chunk, info.steps) == (role, "two-seeds", 6, 1, 96)
-    assert info.layer_sizes == (35, 8, 6, 4) and info.environment_sha256 == environment_digest(CONFIG)
+    assert info.layer_sizes == (35, 8, 6, 4) and info.environment_sha256 == environment_digest(
+        CONFIG
+    )
     assert info.config_sha256 == hashlib.sha256((run.path / "config.toml").read_bytes()).hexdigest()
     assert require_environment(info, CONFIG) == []
     seen = observations(policy, 3.0)
@@ -115,7 +119,9 @@ def test_file_and_run_draw_with_the_log_std_that_was_flown(here, case):
     seen = np.zeros((1, 2, 35), np.float32)
     drawn = [policy_pilot(config.learn, policy, 0, draw)(None, seen, KEY) for draw in (False, True)]
     noise = jax.random.normal(KEY, (1, 4))
-    np.testing.assert_allclose(drawn[1] - drawn[0], np.exp(np.float32(flown)) * noise, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(
+        drawn[1] - drawn[0], np.exp(np.float32(flown)) * noise, rtol=1e-4, atol=1e-6
+    )
 
 
 def test_within_its_bounds_a_player_keeps_its_identity(run):
@@ -131,11 +137,16 @@ def test_the_file_knows_the_game_that_was_flown_and_not_the_one_that_is_here(her
     assert export(run, "--seed", "5", "out.safetensors") == 0
     _, info = load_policy(here / "out.safetensors")
     assert info.environment == met and info.environment_sha256 != environment_digest(CONFIG)
-    with pytest.raises(UserError, match=r"scene.defender.mass is 1.325 there, the package's own here"):
+    with pytest.raises(
+        UserError, match=r"scene.defender.mass is 1.325 there, the package's own here"
+    ):
         require_environment(info, CONFIG)
     capsys.readouterr()
     assert cli.main(["evaluate", str(run.path), "--fights", "1", "--device", "cpu"]) == 0
-    assert "note: trained in another environment than the one here: scene.defender.mass" in capsys.readouterr().out
+    assert (
+        "note: trained in another environment than the one here: scene.defender.mass"
+        in capsys.readouterr().out
+    )
 
 
 def test_the_newest_is_the_default_and_the_bytes_are_the_same_every_time(run, here):
@@ -163,8 +174,16 @@ def test_a_file_is_replaced_only_by_force(run, here, capsys):
         (["a.safetensors", "--seed", "5", "--chunk", "3"], EXIT_DATA, "no checkpoint 6"),
         (["a.pt"], EXIT_CONFIG, "must end in .safetensors or .onnx"),
         (["--seed", "5"], EXIT_CONFIG, "must end in .safetensors or .onnx"),
-        (["no/where.safetensors", "--seed", "5"], EXIT_CANNOT_WRITE, "cannot write no/where.safetensors: No such file"),
-        (["n" * 300 + ".safetensors", "--seed", "5"], EXIT_CANNOT_WRITE, "is longer than 200 bytes"),
+        (
+            ["no/where.safetensors", "--seed", "5"],
+            EXIT_CANNOT_WRITE,
+            "cannot write no/where.safetensors: No such file",
+        ),
+        (
+            ["n" * 300 + ".safetensors", "--seed", "5"],
+            EXIT_CANNOT_WRITE,
+            "is longer than 200 bytes",
+        ),
         (["a.safetensors", "--role", "referee"], EXIT_CONFIG, "must be one of defender, attacker"),
     ],
 )
@@ -175,7 +194,9 @@ def test_mistakes_are_one_line(run, here, capsys, args, code, words):
 
 
 def test_a_solo_run_has_no_defender(tmp_path_factory, capsys):
-    config = Config(game=GameConfig(scenario="solo"), learn=CONFIG.learn, train=TrainConfig(num_envs=8))
+    config = Config(
+        game=GameConfig(scenario="solo"), learn=CONFIG.learn, train=TrainConfig(num_envs=8)
+    )
     solo = begun(tmp_path_factory.mktemp("runs") / "solo", config, (0,))
     assert export(solo, "--role", "defender", "a.safetensors") == EXIT_CONFIG
     assert "its defender never flew; take --role attacker" in one_error(capsys)

@@ -1,4 +1,6 @@
-"""Twenty `kill -9` at random moments of a real training, which then comes to the bits of one that was left alone."""
+"""Twenty `kill -9` at random moments of a real training, which then comes to the bits of one that
+was left alone.
+"""
 
 import subprocess
 import sys
@@ -12,9 +14,9 @@ from dronecombat_jax.files import checkpoint, metrics
 
 CHUNKS, KILLS = 90, 20
 METHODS = {"ippo": (), "sippo": ("--selfplay.probability", "0.5", "--selfplay.roles", "both")}
-# Forks children that have imported everything, so that a kill costs what the child did and not the imports.
-# Kills come some records after a resume, which are up to three chunks; every fourth also before: while the child
-# restores or compiles.
+# Forks children that have imported everything, so that a kill costs what the child did and not the
+# imports. Kills come some records after a resume, which are up to three chunks; every fourth also
+# before: while the child restores or compiles.
 KILLER = """
 import os, random, signal, sys, time
 from pathlib import Path
@@ -60,23 +62,49 @@ assert os.waitpid(begin(), 0)[1] == 0
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
-def test_twenty_kills_at_random_moments_change_nothing(method: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    flags = [*COMMAND, *METHODS[method], "--steps", str(CHUNKS * CHUNK * STEPS), "--run.directory", str(tmp_path)]
+def test_twenty_kills_at_random_moments_change_nothing(
+    method: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    flags = [
+        *COMMAND,
+        *METHODS[method],
+        "--steps",
+        str(CHUNKS * CHUNK * STEPS),
+        "--run.directory",
+        str(tmp_path),
+    ]
     assert cli.main(["train", *flags, "--print-config"]) == 0
     preset = tmp_path / "preset.toml"
     preset.write_text(capsys.readouterr().out)
 
     def train(name: str, kills: int) -> Path:
-        command = [sys.executable, "-W", "ignore", "-c", KILLER, str(preset), name, str(tmp_path), str(kills)]
+        command = [
+            sys.executable,
+            "-W",
+            "ignore",
+            "-c",
+            KILLER,
+            str(preset),
+            name,
+            str(tmp_path),
+            str(kills),
+        ]
         done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=500)
-        assert done.returncode == 0 and done.stdout.count("killed after") == kills, done.stdout + done.stderr
+        assert done.returncode == 0 and done.stdout.count("killed after") == kills, (
+            done.stdout + done.stderr
+        )
         print(done.stdout)  # for whoever wants to know how far each one came: pytest -s
         return tmp_path / name
 
     alone, killed = train("alone", 0), train("killed", KILLS)
-    digests = [checkpoint.verify(run / "checkpoints", CHUNKS * CHUNK).digest for run in (alone, killed)]
+    digests = [
+        checkpoint.verify(run / "checkpoints", CHUNKS * CHUNK).digest for run in (alone, killed)
+    ]
     assert digests[0] == digests[1]
     assert (killed / "metrics.jsonl").read_bytes() == (alone / "metrics.jsonl").read_bytes()
     assert checkpoint.steps(killed / "checkpoints") == checkpoint.steps(alone / "checkpoints")
-    chunks = [[row["outcome/reached"] for row in metrics.read(run / "chunks.jsonl")] for run in (alone, killed)]
+    chunks = [
+        [row["outcome/reached"] for row in metrics.read(run / "chunks.jsonl")]
+        for run in (alone, killed)
+    ]
     assert chunks[0] == chunks[1] and len(chunks[0]) == 2 * CHUNKS

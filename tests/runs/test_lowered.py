@@ -1,4 +1,6 @@
-"""Programs kept between processes: the same bits, traced once, and traced anew whenever anything they depend on differs."""
+"""Programs kept between processes: the same bits, traced once, and traced anew whenever anything
+they depend on differs.
+"""
 
 import os
 import signal
@@ -34,8 +36,8 @@ def start() -> SimpleNamespace:
 
 @pytest.fixture
 def kept(monkeypatch, tmp_path, start) -> SimpleNamespace:
-    """`run(**what)` compiles as a new process would, with `what` replaced, and calls; `builds` counts. It keeps
-    programs once `keeps` is set.
+    """`run(**what)` compiles as a new process would, with `what` replaced, and calls; `builds`
+    counts. It keeps programs once `keeps` is set.
 
     The program is a small one on a whole training state; `training` is the real one.
     """
@@ -63,7 +65,12 @@ def kept(monkeypatch, tmp_path, start) -> SimpleNamespace:
 
     training = lambda: build_advance(start.combat, toy.CHUNK)
     here = SimpleNamespace(
-        run=run, small=small, builds=builds, training=training, folder=tmp_path / "lowered", keeps=False
+        run=run,
+        small=small,
+        builds=builds,
+        training=training,
+        folder=tmp_path / "lowered",
+        keeps=False,
     )
     return here
 
@@ -83,7 +90,9 @@ def handlers():
         signal.signal(number, handler)
 
 
-def test_the_command_keeps_programs_and_a_call_from_python_does_not(kept, capsys, monkeypatch, handlers):
+def test_the_command_keeps_programs_and_a_call_from_python_does_not(
+    kept, capsys, monkeypatch, handlers
+):
     monkeypatch.setattr(sys, "argv", ["dronecombat", "--help"])
     assert cli.main() == 0 and lowered._began is None
     assert __main__.main() == 0 and lowered._began is not None
@@ -120,7 +129,11 @@ def test_runs_that_differ_in_name_seed_and_length_share_a_file(kept):
     kept.keeps = True
     kept.run()
     elsewhere = RunConfig(name="other", directory="/nowhere", figures=False)
-    kept.run(config=replace(CONFIG, run=elsewhere, train=replace(CONFIG.train, seed=9, total_steps=10**9)))
+    kept.run(
+        config=replace(
+            CONFIG, run=elsewhere, train=replace(CONFIG.train, seed=9, total_steps=10**9)
+        )
+    )
     assert len(kept.builds) == 1
 
 
@@ -129,7 +142,9 @@ def test_name_seed_and_length_are_not_in_the_program(start):
         advance = build_advance(toy.Coasting(config), toy.CHUNK)
         return jax.jit(advance).lower(start.state).as_text()
 
-    other = replace(CONFIG, run=RunConfig(name="other"), train=replace(CONFIG.train, seed=9, total_steps=10**9))
+    other = replace(
+        CONFIG, run=RunConfig(name="other"), train=replace(CONFIG.train, seed=9, total_steps=10**9)
+    )
     assert text(other) == text(CONFIG)
 
 
@@ -171,7 +186,14 @@ def test_a_program_whose_code_was_edited_while_it_was_traced_is_not_kept(kept, s
 def test_it_depends_on_the_package_the_scene_and_the_libraries():
     assert callable(Combat(CONFIG)._fly)  # as tracing a flight does: it loads MJX
     files = {Path(file).name for file in lowered._files(CONFIG)}
-    assert {"ippo.py", "chunk.py", "flight.py", "lowered.py", "combat.xml", "crazyflie.xml"} <= files
+    assert {
+        "ippo.py",
+        "chunk.py",
+        "flight.py",
+        "lowered.py",
+        "combat.xml",
+        "crazyflie.xml",
+    } <= files
     for library in ("jax", "mujoco/mjx", "flax", "optax"):
         assert any(f"/{library}/__init__.py" in file for file in lowered._files(CONFIG))
 
@@ -184,7 +206,9 @@ def test_it_depends_on_every_file_of_an_own_drone(tmp_path):
     main = write(tmp_path, '<mujoco><include file="parts.xml"/></mujoco>')
     write(tmp_path, f"<mujoco>{named}</mujoco>", name="parts.xml")
     config = replace(CONFIG, sim=replace(CONFIG.sim, mjcf=str(main)))
-    assert {"drone.xml", "parts.xml", "hull.stl"} <= {Path(file).name for file in lowered._files(config)}
+    assert {"drone.xml", "parts.xml", "hull.stl"} <= {
+        Path(file).name for file in lowered._files(config)
+    }
 
 
 @pytest.mark.parametrize("damage", ("empty", "cut", "bit", "text", "list", "folder"))
@@ -209,7 +233,8 @@ def test_a_damaged_file_is_made_anew(kept, damage):
         )
     toy.assert_same_bits(kept.run(), expected)
     kept.run()
-    assert len(kept.builds) == (3 if damage == "folder" else 2)  # a folder stays in the way, and training goes on
+    # a folder stays in the way, and training goes on
+    assert len(kept.builds) == (3 if damage == "folder" else 2)
 
 
 def test_where_nothing_can_be_written_training_goes_on(kept):
@@ -222,7 +247,9 @@ def test_where_nothing_can_be_written_training_goes_on(kept):
 
 def test_what_cannot_be_exported_is_traced(kept, monkeypatch):
     def refuse(_):
-        raise ValueError("Cannot serialize code with custom calls whose targets have no compatibility guarantees")
+        raise ValueError(
+            "Cannot serialize code with custom calls whose targets have no compatibility guarantees"
+        )
 
     monkeypatch.setattr("jax.export.export", refuse)
     kept.keeps = True

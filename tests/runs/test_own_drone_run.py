@@ -23,7 +23,10 @@ def test_a_run_goes_on_with_the_drone_that_it_began_with(tmp_path: Path):
     code, out, err = run("--sim.mjcf", str(first), "--steps", "384")
     assert code == 0, err
     meta = checkpoint.read_meta(root / "own" / "checkpoints", 4)
-    assert meta["environment"]["scene.defender.mass"] == 0.027 and "sim.mjcf" not in meta["environment"]
+    assert (
+        meta["environment"]["scene.defender.mass"] == 0.027
+        and "sim.mjcf" not in meta["environment"]
+    )
 
     edited = write(tmp_path, SMALL, ("0.027", "0.028"), name="edited.xml")
     code, _, err = run("--sim.mjcf", str(edited), *longer)
@@ -33,7 +36,9 @@ def test_a_run_goes_on_with_the_drone_that_it_began_with(tmp_path: Path):
     first.unlink()
     code, _, err = run("--sim.mjcf", str(first), *longer)
     assert code == EXIT_CONFIG and err.count("\n") == 1
-    assert err.startswith(f"error: sim.mjcf: {first}: no such file (MJCF files in {tmp_path}: edited.xml)")
+    assert err.startswith(
+        f"error: sim.mjcf: {first}: no such file (MJCF files in {tmp_path}: edited.xml)"
+    )
 
     code, out, err = run("--sim.mjcf", str(write(tmp_path, name="moved.xml")), *longer)
     assert code == 0 and "resuming after 384 environment steps" in out, err

@@ -1,4 +1,6 @@
-"""Past players on the disk: each stored once, proven as a whole, made again from its checkpoint where it is damaged."""
+"""Past players on the disk: each stored once, proven as a whole, made again from its checkpoint
+where it is damaged.
+"""
 
 import shutil
 from dataclasses import replace
@@ -31,7 +33,9 @@ SELFPLAY = replace(
 
 
 def states(config: Config, chunks: int) -> list[TrainState]:
-    """A made-up state at each chunk's end whose pools hold the earlier states' live policies, as in a real run."""
+    """A made-up state at each chunk's end whose pools hold the earlier states' live policies, as in
+    a real run.
+    """
     shapes = jax.eval_shape(lambda: init_state(Coasting(config)))
     made = []
     for chunk in range(chunks + 1):
@@ -42,10 +46,18 @@ def states(config: Config, chunks: int) -> list[TrainState]:
         for role, pool in enumerate(state.selfplay.pools):
             policies = jax.tree.map(np.zeros_like, pool.policies)
             for slot, earlier in enumerate(made):
-                live = jax.tree.map(lambda leaf, role=role: leaf[:, role], policy_of(earlier.learners))
-                jax.tree.map(lambda whole, one, slot=slot: whole.__setitem__((slice(None), slot), one), policies, live)
+                live = jax.tree.map(
+                    lambda leaf, role=role: leaf[:, role], policy_of(earlier.learners)
+                )
+                jax.tree.map(
+                    lambda whole, one, slot=slot: whole.__setitem__((slice(None), slot), one),
+                    policies,
+                    live,
+                )
             pools.append(pool.replace(policies=policies))
-        made.append(state.replace(iteration=iteration, selfplay=state.selfplay.replace(pools=tuple(pools))))
+        made.append(
+            state.replace(iteration=iteration, selfplay=state.selfplay.replace(pools=tuple(pools)))
+        )
     return made
 
 
@@ -63,7 +75,9 @@ def saved(tmp_path_factory) -> tuple[Path, list[TrainState]]:
 def save(home: Path, state: TrainState, players: Players) -> None:
     iteration = int(state.iteration[0])
     apart, roster = players.store(state, filled_slots(iteration, SELFPLAY.train.chunk_iterations))
-    checkpoint.save(home / "checkpoints", iteration, apart, describe(SELFPLAY, iteration), players=roster)
+    checkpoint.save(
+        home / "checkpoints", iteration, apart, describe(SELFPLAY, iteration), players=roster
+    )
 
 
 @pytest.fixture
@@ -96,13 +110,23 @@ def test_what_was_saved_comes_back_and_no_checkpoint_holds_a_pool(saved):
 
 
 def test_inside_a_chunk_its_own_start_is_in_the_pool():
-    assert [filled_slots(iteration, 10) for iteration in (0, 1, 9, 10, 11, 20)] == [0, 1, 1, 1, 2, 2]
+    assert [filled_slots(iteration, 10) for iteration in (0, 1, 9, 10, 11, 20)] == [
+        0,
+        1,
+        1,
+        1,
+        2,
+        2,
+    ]
 
 
 def test_a_pool_that_a_killed_process_left_is_used_and_another_is_replaced(saved, copied):
     _, made = saved
     for slot in (3, 4):
-        shutil.copy(copied / "checkpoints/players/2.safetensors", copied / f"checkpoints/players/{slot}.safetensors")
+        shutil.copy(
+            copied / "checkpoints/players/2.safetensors",
+            copied / f"checkpoints/players/{slot}.safetensors",
+        )
     before = (copied / "checkpoints/players/1.safetensors").stat().st_mtime_ns
     save(copied, made[-1], Players(copied / "checkpoints"))
     assert_same_bits(loaded(copied), made[-1])
@@ -115,13 +139,18 @@ def test_a_pool_that_a_killed_process_left_is_used_and_another_is_replaced(saved
 def test_a_damaged_player_is_made_again_from_its_own_checkpoint(saved, copied, fault, caplog):
     fault(copied / "checkpoints/players/2.safetensors")
     assert_same_bits(loaded(copied), saved[1][-1])
-    assert f"past player 2 made again from checkpoint {2 * SELFPLAY.train.chunk_iterations}" in caplog.text
+    assert (
+        f"past player 2 made again from checkpoint {2 * SELFPLAY.train.chunk_iterations}"
+        in caplog.text
+    )
     caplog.clear()
     assert_same_bits(loaded(copied), saved[1][-1])
     assert caplog.text == ""
 
 
-def test_a_player_that_cannot_be_made_again_costs_the_checkpoints_that_need_it(saved, copied, caplog):
+def test_a_player_that_cannot_be_made_again_costs_the_checkpoints_that_need_it(
+    saved, copied, caplog
+):
     flip(copied / "checkpoints/players/2.safetensors")
     shutil.rmtree(copied / f"checkpoints/{2 * SELFPLAY.train.chunk_iterations}")
     state = loaded(copied)
@@ -134,7 +163,9 @@ def test_another_runs_players_are_refused(saved, copied):
     home, made = saved
     shifted = made[-1].replace(selfplay=jax.tree.map(lambda leaf: leaf + 1, made[-1].selfplay))
     Players(copied / "checkpoints").store(shifted, CHUNKS)  # sound files of somebody else
-    with pytest.raises(CheckpointError, match="not the past players that the checkpoint was saved with"):
+    with pytest.raises(
+        CheckpointError, match="not the past players that the checkpoint was saved with"
+    ):
         roster = checkpoint.verify(home / "checkpoints", 10).players
         assert roster is not None
         Players(copied / "checkpoints").read(roster)
@@ -163,9 +194,13 @@ def test_a_reader_of_policies_needs_no_past_player(saved, copied):
     start = find_start(RunDirectory(saved[0]), SELFPLAY)
     assert start is not None
     state = load_state(
-        start._replace(checkpoints=copied / "checkpoints", members=None), Coasting(SELFPLAY), pools=False
+        start._replace(checkpoints=copied / "checkpoints", members=None),
+        Coasting(SELFPLAY),
+        pools=False,
     )
     assert_same_bits(state.learners, saved[1][-1].learners)
     with pytest.raises(UserError) as caught:
-        load_state(start._replace(checkpoints=copied / "checkpoints", members=None), Coasting(SELFPLAY))
+        load_state(
+            start._replace(checkpoints=copied / "checkpoints", members=None), Coasting(SELFPLAY)
+        )
     assert caught.value.exit_code == EXIT_DATA

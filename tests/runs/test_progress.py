@@ -8,7 +8,13 @@ import re
 import pytest
 from rich.console import Console
 
-from dronecombat_jax.runs.progress import Progress, ProgressUpdate, TerminalProgress, make_progress, outcome_text
+from dronecombat_jax.runs.progress import (
+    Progress,
+    ProgressUpdate,
+    TerminalProgress,
+    make_progress,
+    outcome_text,
+)
 from dronecombat_jax.runs.rate import RateMeter, count_text, duration_text
 
 
@@ -40,7 +46,8 @@ def test_rate_over_the_last_minute():
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(0, "0"), (9999, "9,999"), (3_600_000, "3.60 M"), (1e9, "1.00 G"), (123_456, "123,456")]
+    ("value", "text"),
+    [(0, "0"), (9999, "9,999"), (3_600_000, "3.60 M"), (1e9, "1.00 G"), (123_456, "123,456")],
 )
 def test_counts(value: float, text: str):
     assert count_text(value) == text
@@ -63,7 +70,9 @@ def test_lines_are_throttled_and_the_last_is_shown():
             clock.now = 12.34
         for second in range(1, 11):
             clock.now = 12.34 + second
-            progress.update(ProgressUpdate(100 * second, 0.5, 0.25, 0.25, 0.1, 0.05, note="chunk 1/2"))
+            progress.update(
+                ProgressUpdate(100 * second, 0.5, 0.25, 0.25, 0.1, 0.05, note="chunk 1/2")
+            )
     lines = stream.getvalue().splitlines()
     assert lines[:2] == ["compiling training ...", "compiled training in 12.3 s"]
     assert [line.split()[1] for line in lines[2:]] == ["100/1,000", "600/1,000", "1,000/1,000"]
@@ -74,7 +83,10 @@ def test_lines_are_throttled_and_the_last_is_shown():
 
 
 def test_no_ended_episode_and_nothing_done():
-    assert outcome_text(ProgressUpdate(0)) == "defender won - crashed - | attacker won - crashed - | draw -"
+    assert (
+        outcome_text(ProgressUpdate(0))
+        == "defender won - crashed - | attacker won - crashed - | draw -"
+    )
     stream = io.StringIO()
     with Progress("run", 10, stream=stream):
         pass
@@ -96,11 +108,18 @@ def test_a_closed_pipe_does_not_stop_a_run():
         for step in range(3):
             progress.message("hello")
             progress.update(ProgressUpdate(step))
-        os.dup2(os.open(os.devnull, os.O_WRONLY), writing)  # the stream's own buffer may be flushed now
+        # the stream's own buffer may be flushed now
+        os.dup2(os.open(os.devnull, os.O_WRONLY), writing)
 
 
 def make_console(width: int) -> Console:
-    return Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None, legacy_windows=False)
+    return Console(
+        file=io.StringIO(),
+        force_terminal=True,
+        width=width,
+        color_system=None,
+        legacy_windows=False,
+    )
 
 
 @pytest.mark.parametrize("width", [40, 80, 160])
@@ -121,12 +140,18 @@ def test_terminal_updates_in_place(width: int):
 
 def test_a_compilation_that_fails_ends_the_display():
     console = make_console(80)
-    with pytest.raises(RuntimeError), TerminalProgress("run", 10, 0, console) as progress, progress.compiling("x"):
+    with (
+        pytest.raises(RuntimeError),
+        TerminalProgress("run", 10, 0, console) as progress,
+        progress.compiling("x"),
+    ):
         raise RuntimeError
     assert "\x1b[?25h" in console.file.getvalue()  # type: ignore[attr-defined]
 
 
-def test_lines_where_stdout_is_no_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+def test_lines_where_stdout_is_no_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
     for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
         monkeypatch.delenv(name, raising=False)
     with make_progress("run", 10) as progress:

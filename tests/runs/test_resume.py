@@ -3,35 +3,27 @@
 The programs are the toy's; what a user's process does is in `test_training` and `test_kills`.
 """
 
-import shutil
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import jax
 import numpy as np
 import pytest
-from drones import SMALL, write
-from toy import CHUNK, CONFIG, Coasting, assert_same_bits, build
+from toy import CHUNK, CONFIG, assert_same_bits, build
 
-from dronecombat_jax.combat.fingerprint import digest_of, environment
 from dronecombat_jax.config import settings
-from dronecombat_jax.config.fields import Config, SelfPlayConfig, SimConfig
+from dronecombat_jax.config.fields import Config, SelfPlayConfig
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.arrays import flatten, match_template
-from dronecombat_jax.files.manifest import CheckpointError, Manifest, state_digest
+from dronecombat_jax.files.manifest import CheckpointError, state_digest
 from dronecombat_jax.files.rundir import RunDirectory
-from dronecombat_jax.runs import provenance
 from dronecombat_jax.runs.evaluation import load_run
 from dronecombat_jax.runs.past_players import Players, emptied, filled_slots
-from dronecombat_jax.runs.provenance import check_meta, describe
-from dronecombat_jax.runs.resume import Start, find_start, read_start, restored_state
-from dronecombat_jax.runs.saving import Saver
+from dronecombat_jax.runs.provenance import describe
+from dronecombat_jax.runs.resume import find_start, read_start, restored_state
 from dronecombat_jax.selfplay.chunk import init_state
-from dronecombat_jax.sim import source
-from dronecombat_jax.sim.scene import load_scene
 from dronecombat_jax.types import TrainState
 
 HALF, WHOLE = 3 * CHUNK, 6 * CHUNK  # iterations
@@ -39,7 +31,9 @@ INSIDE = HALF + 1  # of a chunk: who is met in it is then part of the state
 CHUNKS_OF_SIX = replace(CONFIG.train, head_start_steps=0, total_steps=6 * CONFIG.steps_per_chunk)
 METHODS = {
     "ippo": replace(CONFIG, train=CHUNKS_OF_SIX),
-    "sippo": replace(CONFIG, train=CHUNKS_OF_SIX, selfplay=SelfPlayConfig(probability=1.0, roles="both")),
+    "sippo": replace(
+        CONFIG, train=CHUNKS_OF_SIX, selfplay=SelfPlayConfig(probability=1.0, roles="both")
+    ),
 }
 
 
@@ -72,7 +66,9 @@ def save(directory: RunDirectory, config: Config, state: TrainState) -> None:
     directory.checkpoints.mkdir(exist_ok=True)
     filled = filled_slots(iteration, config.train.chunk_iterations)
     apart, roster = Players(directory.checkpoints).store(jax.device_get(state), filled)
-    checkpoint.save(directory.checkpoints, iteration, apart, describe(config, iteration), players=roster)
+    checkpoint.save(
+        directory.checkpoints, iteration, apart, describe(config, iteration), players=roster
+    )
 
 
 def digest(state: Any) -> str:
@@ -103,7 +99,9 @@ def test_a_run_that_lost_any_leaf_of_its_state_is_another_run(run):
     for i, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(state)):
         lost = np.zeros_like(leaf) if np.any(leaf) else np.ones_like(leaf)
         reports: list[str] = []
-        after = fly_on(run, jax.tree.unflatten(structure, [*leaves[:i], lost, *leaves[i + 1 :]]), reports)
+        after = fly_on(
+            run, jax.tree.unflatten(structure, [*leaves[:i], lost, *leaves[i + 1 :]]), reports
+        )
         if digest(after) == run.digest and reports == run.reports[INSIDE:]:
             unnoticed.append(jax.tree_util.keystr(path))
     assert unnoticed == [] and len(leaves) > 50
@@ -119,7 +117,13 @@ def test_a_checkpoint_without_any_one_of_its_leaves_is_refused_by_its_name(run, 
         with pytest.raises(CheckpointError, match=f"{gone.path}: expected .*, got nothing"):
             match_template(template, rest, "a checkpoint", "")
     rest = {path: array for path, array in arrays.items() if path != "env/clock"}
-    checkpoint.save(tmp_path / "checkpoints", INSIDE, rest, describe(run.config, INSIDE), players=manifest.players)
+    checkpoint.save(
+        tmp_path / "checkpoints",
+        INSIDE,
+        rest,
+        describe(run.config, INSIDE),
+        players=manifest.players,
+    )
     start = read_start(RunDirectory(tmp_path), INSIDE)
     with pytest.raises(CheckpointError, match=r"env/clock: expected int32\[1,8\], got nothing"):
         restored_state(start, run.config, run.program.combat)
@@ -133,12 +137,14 @@ def test_a_run_made_longer_is_the_run_that_was_always_that_long(run, tmp_path):
     """Pools have a slot for every chunk: the shorter run's are restored as they were and then grow."""
     short = RunDirectory(tmp_path)
     config = longer(run.config, 3)
-    program = run.program if run.name == "ippo" else build(config, 1)  # without pools the programs are the same
+    # without pools the programs are the same
+    program = run.program if run.name == "ippo" else build(config, 1)
     state = program.start
     for _ in range(HALF):
         state, _ = program.run(state)
     save(short, config, state)
-    short.config.write_text(settings.to_toml(run.config))  # as left by a process that was killed before it saved
+    # as left by a process that was killed before it saved
+    short.config.write_text(settings.to_toml(run.config))
     start = find_start(short, run.config)
     assert start is not None and start.config == config
     state = restored_state(start, run.config, run.program.combat)
@@ -159,7 +165,9 @@ def test_a_reader_needs_nothing_but_the_checkpoint(run):
     newest = load_run(run.directory.path)
     assert newest.config == run.config and newest.iteration == INSIDE
     assert load_run(run.directory.path, chunk=3).iteration == HALF
-    assert_same_bits(load_run(run.directory.path, chunk=0).state.learners, run.program.start.learners)
+    assert_same_bits(
+        load_run(run.directory.path, chunk=0).state.learners, run.program.start.learners
+    )
     with pytest.raises(UserError, match="no checkpoint 8") as caught:
         load_run(run.directory.path, chunk=4)
     assert caught.value.exit_code == EXIT_DATA
@@ -196,95 +204,3 @@ def test_what_may_change_of_a_run_and_what_needs_a_fork(tmp_path, key):
 
 
 # What a checkpoint says about itself
-
-
-@pytest.fixture
-def start(tmp_path: Path) -> Start:
-    """A checkpoint that the toy's settings were saved with."""
-    return Start(tmp_path, Manifest(4, "", (), (), describe(CONFIG, 4)), CONFIG)
-
-
-def with_meta(start: Start, meta: dict) -> Start:
-    return start._replace(manifest=start.manifest._replace(meta=meta))
-
-
-def test_the_meta_holds_settings_environment_and_versions(start):
-    assert settings.from_toml(start.meta["config"], "meta") == CONFIG
-    assert start.meta["steps"] == 4 * CONFIG.steps_per_iteration and len(start.meta["environment_digest"]) == 64
-    assert start.meta["jax"] == jax.__version__ and start.meta["random"]["generator"] == "threefry2x32"
-    assert check_meta(start, CONFIG) == []
-    assert check_meta(with_meta(start, {}), CONFIG) == []  # an older one says nothing
-
-
-def test_another_environment_under_the_same_settings_is_refused_with_what_differs(start):
-    """As after an update that observes something else; other settings are a changed configuration."""
-    then = start.meta["environment"] | {"observation_fields": [["p_d", 3]], "game.episode_steps": 21}
-    other = with_meta(start, start.meta | {"environment": then})
-    with pytest.raises(CheckpointError) as caught:
-        check_meta(other, CONFIG)
-    assert 'game.episode_steps is 21 there, 20 here; observation_fields is [["p_d", 3]] there' in caught.value.message
-    assert "--fork NEW_NAME" in caught.value.message and "\n" not in caught.value.message
-    assert check_meta(other._replace(changed=("no setting",)), CONFIG) == []  # a fork may
-
-
-def test_an_edited_scene_is_refused_with_what_differs(start, tmp_path, monkeypatch):
-    """The package's MJCF, edited where it stands: the settings are the same, the physics is not."""
-    folder = shutil.copytree(source.find_mjcf_dir(), tmp_path / "mjcf")
-    file = folder / "combat.xml"
-    file.write_text(file.read_text().replace('mass="0.0282"', 'mass="1.325"'))
-    monkeypatch.setattr(source, "find_mjcf_dir", lambda: folder)
-    with pytest.raises(CheckpointError) as caught:
-        check_meta(start, CONFIG)
-    assert "scene.defender.mass is the package's own there, 1.325 here" in caught.value.message
-    assert "--fork NEW_NAME" in caught.value.message and "\n" not in caught.value.message
-    assert check_meta(start._replace(changed=("no setting",)), CONFIG) == []  # a fork may
-
-
-def test_an_own_drone_that_was_moved_goes_on_and_one_that_was_edited_does_not(tmp_path):
-    here = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path))))
-    start = Start(tmp_path, Manifest(4, "", (), (), describe(here, 4)), here)
-    moved = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path, name="moved.xml"))))
-    assert check_meta(start, moved) == []
-    edited = write(tmp_path, SMALL, ('density="1.225"', 'density="1"'), name="edited.xml")
-    with pytest.raises(CheckpointError, match=r"scene.density is 1.225 there, 1.0 here"):
-        check_meta(start, replace(CONFIG, sim=SimConfig(mjcf=str(edited))))
-    with pytest.raises(CheckpointError, match=r"scene.attacker.mass is 0.027 there, the package's own here"):
-        check_meta(start, CONFIG)
-    with pytest.raises(UserError, match=r"sim.mjcf: .*gone.xml: no such file .*drone.xml, edited.xml, moved.xml"):
-        check_meta(start, replace(CONFIG, sim=SimConfig(mjcf=str(tmp_path / "gone.xml"))))
-
-
-def test_a_scene_that_is_edited_or_lost_while_it_flies_is_saved_as_it_flies(tmp_path):
-    """A training flies the scene that it loaded; a lost file must not cost a checkpoint."""
-    config = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path))))
-    saver = Saver(RunDirectory(tmp_path), config, None, {})
-    saver.met = environment(config, load_scene(config.sim))
-    for edit in (("0.027", "0.05"), None):
-        (tmp_path / "drone.xml").unlink() if edit is None else write(tmp_path, SMALL, edit)
-        iteration = np.array([2 if edit else 4], np.int32)
-        saver.save_now(init_state(Coasting(CONFIG)).replace(iteration=iteration))
-    for iteration in (2, 4):
-        meta = read_start(RunDirectory(tmp_path), iteration).meta
-        assert meta["environment"]["scene.defender.mass"] == 0.027
-        assert meta["environment_digest"] == digest_of(meta["environment"])
-
-
-def test_other_random_numbers_are_refused_and_another_jax_is_told(start, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr(provenance, "_random", lambda: {"generator": "rbg", "partitionable": True})
-        with pytest.raises(CheckpointError, match=r"threefry2x32.*JAX is set to generator rbg"):
-            check_meta(start, CONFIG)
-    older = with_meta(start, start.meta | {"jax": "0.4.1"})
-    assert check_meta(older, CONFIG) == [
-        f"note: made with jax 0.4.1, goes on with {jax.__version__}: no longer the same bits"
-    ]
-
-
-def test_another_network_is_refused_by_its_first_tensors(tmp_path):
-    wide = replace(CONFIG, learn=replace(CONFIG.learn, hidden_sizes=(4,)))
-    shapes = jax.eval_shape(lambda: init_state(Coasting(wide)))
-    state = jax.tree.map(lambda leaf: np.ones(leaf.shape, leaf.dtype), shapes)
-    checkpoint.save(tmp_path / "checkpoints", 4, state, describe(CONFIG, 4))
-    start = read_start(RunDirectory(tmp_path), 4)
-    with pytest.raises(CheckpointError, match=r"expected float32\[1,2,35,8\], got float32\[1,2,35,4\].* more"):
-        restored_state(start, CONFIG, Coasting(CONFIG))

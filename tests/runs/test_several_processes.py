@@ -29,7 +29,9 @@ def test_two_processes_stopped_and_resumed_come_to_the_numbers_of_two_devices_in
         assert code == 0, out + err
     code, _, err = finish(train(tmp_path, "one", *FLAGS, "--run.devices", "2"))
     assert code == 0, err
-    (one, _), (two, _) = (checkpoint.load(tmp_path / name / "checkpoints", LAST) for name in ("one", "two"))
+    (one, _), (two, _) = (
+        checkpoint.load(tmp_path / name / "checkpoints", LAST) for name in ("one", "two")
+    )
     assert one.keys() == two.keys()
     for path in one:
         np.testing.assert_allclose(two[path], one[path], rtol=1e-3, atol=1e-4, err_msg=path)
@@ -40,8 +42,14 @@ def test_two_processes_stopped_and_resumed_come_to_the_numbers_of_two_devices_in
 
 
 def test_a_process_that_finds_nobody_says_so_in_one_line(tmp_path):
-    nobody = {"JAX_COORDINATOR_ADDRESS": "127.0.0.1:9", "JAX_NUM_PROCESSES": "2", "JAX_PROCESS_ID": "1"}
-    alone = train(tmp_path, "alone", "--run.distributed", "--run.join-seconds", "2", environment=nobody)
+    nobody = {
+        "JAX_COORDINATOR_ADDRESS": "127.0.0.1:9",
+        "JAX_NUM_PROCESSES": "2",
+        "JAX_PROCESS_ID": "1",
+    }
+    alone = train(
+        tmp_path, "alone", "--run.distributed", "--run.join-seconds", "2", environment=nobody
+    )
     code, _, err = finish(alone)
     lines = [line for line in err.splitlines() if line.startswith("error: ")]
     assert code == EXIT_CONFIG and len(lines) == 1 and "Traceback" not in err, err
@@ -58,7 +66,9 @@ def test_numbers_that_are_none_are_refused_before_anything_starts(monkeypatch):
 def test_alone_nobody_is_waited_for():
     state = {"a": np.array([-0.0, 1.0])}
     assert processes.first() and processes.count() == 1 and processes.from_first(state) is state
-    assert processes.anywhere(True) and not processes.anywhere(False) and processes.agreed("anything")
+    assert (
+        processes.anywhere(True) and not processes.anywhere(False) and processes.agreed("anything")
+    )
     with pytest.raises(UserError, match="full"), processes.together():
         raise UserError("full", EXIT_CANNOT_WRITE)
 

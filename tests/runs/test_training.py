@@ -1,4 +1,5 @@
-"""Training as a user meets it: one command to begin, to go on after any end, and to be told what is wrong.
+"""Training as a user meets it: one command to begin, to go on after any end, and to be told what is
+wrong.
 
 The commands run in processes of their own, at toy size and compiled with little optimisation.
 """
@@ -38,7 +39,9 @@ def whole(tmp_path_factory) -> SimpleNamespace:
     root = tmp_path_factory.mktemp("runs")
     code, out, err = finish(train(root, "whole"))
     assert code == 0, err
-    return SimpleNamespace(root=root, path=root / "whole", out=out, config=settings.load(root / "whole/config.toml"))
+    return SimpleNamespace(
+        root=root, path=root / "whole", out=out, config=settings.load(root / "whole/config.toml")
+    )
 
 
 def test_a_training_leaves_its_files_and_complete_metrics(whole):
@@ -48,7 +51,9 @@ def test_a_training_leaves_its_files_and_complete_metrics(whole):
     ]
     assert all(row["steps"] == row["iteration"] * STEPS for row in rows)
     assert all(row["chunk"] == -(-row["iteration"] // CHUNK) for row in rows)
-    assert sum(row["episodes"] for row in rows) > 100 and {len(row) for row in rows} == {len(rows[0])}
+    assert sum(row["episodes"] for row in rows) > 100 and {len(row) for row in rows} == {
+        len(rows[0])
+    }
     chunks = metrics.read(whole.path / "chunks.jsonl")
     assert [(row["chunk"], row["seed"]) for row in chunks] == [
         (i, seed) for i in range(1, CHUNKS + 1) for seed in (3, 4)
@@ -59,14 +64,28 @@ def test_a_training_leaves_its_files_and_complete_metrics(whole):
         assert row["episodes"] == sum(r["episodes"] for r in inside)
         assert (row["outcome/attacker_crash"] or 0.0) * row["episodes"] == pytest.approx(crashed)
         assert row["learning_rate/attacker"] == inside[-1]["learning_rate/attacker"]
-    assert [row["seconds/compile"] > 0.0 for row in chunks] == [True] * 2 + [False] * (2 * CHUNKS - 2)
+    assert [row["seconds/compile"] > 0.0 for row in chunks] == [True] * 2 + [False] * (
+        2 * CHUNKS - 2
+    )
     for row in chunks:
-        assert row["seconds/program"] > 0.0 and row["seconds/rollout"] > 0.0 and row["seconds/update"] >= 0.0
-        assert row["seconds/rollout"] + row["seconds/update"] == pytest.approx(row["seconds/program"], abs=0.003)
+        assert (
+            row["seconds/program"] > 0.0
+            and row["seconds/rollout"] > 0.0
+            and row["seconds/update"] >= 0.0
+        )
+        assert row["seconds/rollout"] + row["seconds/update"] == pytest.approx(
+            row["seconds/program"], abs=0.003
+        )
     saved = checkpoint.steps(whole.path / "checkpoints")
     assert saved == [CHUNK * i for i in range(CHUNKS + 1)]  # the untrained state too
-    assert checkpoint.read_meta(whole.path / "checkpoints", saved[-1])["steps"] == CHUNKS * CHUNK * STEPS
-    assert [row["seed"] for row in json.loads((whole.path / "evaluation.json").read_text())] == [3, 4]
+    assert (
+        checkpoint.read_meta(whole.path / "checkpoints", saved[-1])["steps"]
+        == CHUNKS * CHUNK * STEPS
+    )
+    assert [row["seed"] for row in json.loads((whole.path / "evaluation.json").read_text())] == [
+        3,
+        4,
+    ]
     assert {path.name for path in (whole.path / "tensorboard").iterdir()} == {"seed-3", "seed-4"}
     assert (whole.path / "figures/learning.png").stat().st_size > 1000
     assert settings.load(whole.path / "config.toml").run.name == "whole"
@@ -88,7 +107,16 @@ def test_the_same_command_again_has_nothing_to_do(whole, capsys):
 
 
 def test_other_settings_in_the_same_directory_are_refused_by_name(whole, capsys):
-    flags = [*COMMAND, *LENGTH, "--name", "whole", "--run.directory", str(whole.root), "--learn.discount", "0.9"]
+    flags = [
+        *COMMAND,
+        *LENGTH,
+        "--name",
+        "whole",
+        "--run.directory",
+        str(whole.root),
+        "--learn.discount",
+        "0.9",
+    ]
     assert cli.main(["train", *flags, "--train.num-envs", "32"]) == EXIT_CONFIG
     err = capsys.readouterr().err
     assert err.count("\n") == 1 and err.startswith("error: ")
@@ -101,7 +129,8 @@ def test_a_killed_run_goes_on_to_the_same_bits(whole):
     assert checkpoint.steps(run / "checkpoints") == [0] and newest(run / "checkpoints") == 0
     code, _, _ = interrupt(train(whole.root, "killed"), run, after=4, number=signal.SIGKILL)
     assert code == -signal.SIGKILL and (newest(run / "checkpoints") or 0) < CHUNKS * CHUNK
-    code, out, err = finish(train(whole.root, "killed", "--run.no-figures"))  # what the run leaves may change
+    # what the run leaves may change
+    code, out, err = finish(train(whole.root, "killed", "--run.no-figures"))
     assert code == 0 and "resuming after" in out, err
     assert digest(run) == digest(whole.path)
     assert (run / "metrics.jsonl").read_bytes() == (whole.path / "metrics.jsonl").read_bytes()
@@ -124,7 +153,9 @@ def test_two_devices_killed_and_resumed_come_to_the_bits_of_one(tmp_path):
 def timeless(path: Path) -> list[dict]:
     """The records of chunks without a machine's seconds."""
     rows = metrics.read(path)
-    return [{key: value for key, value in row.items() if not key.startswith("seconds/")} for row in rows]
+    return [
+        {key: value for key, value in row.items() if not key.startswith("seconds/")} for row in rows
+    ]
 
 
 def test_a_fork_without_a_change_comes_to_the_same_bits_and_goes_on_by_the_same_command(whole):
@@ -132,11 +163,19 @@ def test_a_fork_without_a_change_comes_to_the_same_bits_and_goes_on_by_the_same_
     code, out, err = finish(train(whole.root, "whole", *flags))
     assert code == 0 and "forked from" in out and "no setting" in out, err
     child = whole.root / "child"
-    assert digest(child) == digest(whole.path) and checkpoint.steps(child / "checkpoints") == [28, 30, 32]
+    assert digest(child) == digest(whole.path) and checkpoint.steps(child / "checkpoints") == [
+        28,
+        30,
+        32,
+    ]
     assert (child / "metrics.jsonl").read_bytes() in (whole.path / "metrics.jsonl").read_bytes()
-    assert checkpoint.read_meta(child / "checkpoints", 32)["forked"] == {"run": "whole", "iteration": 28}
+    assert checkpoint.read_meta(child / "checkpoints", 32)["forked"] == {
+        "run": "whole",
+        "iteration": 28,
+    }
     config = settings.load(child / "config.toml")
-    assert config.run.name == "child" and training.train(config, "whole", CHUNKS - 2) == 0  # complete
+    # complete
+    assert config.run.name == "child" and training.train(config, "whole", CHUNKS - 2) == 0
 
 
 @pytest.mark.slow

@@ -1,4 +1,6 @@
-"""The first state of a run comes, every time: XLA's CPU runtime of jax 0.10.1 has hung while it was computed."""
+"""The first state of a run comes, every time: XLA's CPU runtime of jax 0.10.1 has hung while it was
+computed.
+"""
 
 import subprocess
 import sys
@@ -22,6 +24,8 @@ for _ in range({CALLS}):
 
 @pytest.mark.slow
 def test_the_first_state_comes_every_time():
-    """With the agents' networks drawn under vmap, 10 of 14 such processes hung within 100 calls (Python 3.11, 2 cores)."""
+    """With the agents' networks drawn under vmap, 10 of 14 such processes hung within 100 calls
+    (Python 3.11, 2 cores).
+    """
     for _ in range(3):
         subprocess.run([sys.executable, "-c", PROGRAM], check=True, timeout=90)

@@ -29,7 +29,9 @@ CHUNKS = 6
 SIPPO = replace(
     CONFIG,
     selfplay=SelfPlayConfig(probability=0.5, roles="both"),
-    train=replace(CONFIG.train, head_start_steps=0, total_steps=CHUNKS * CONFIG.steps_per_chunk, seed=9),
+    train=replace(
+        CONFIG.train, head_start_steps=0, total_steps=CHUNKS * CONFIG.steps_per_chunk, seed=9
+    ),
 )
 TOY = Config(
     learn=LearnConfig(hidden_sizes=(4,)),
@@ -40,14 +42,18 @@ TOY = Config(
 
 @pytest.fixture(scope="module")
 def flown() -> SimpleNamespace:
-    """A run in which either side meets the past of the other: the states at the chunks' ends and the reports."""
+    """A run in which either side meets the past of the other: the states at the chunks' ends and
+    the reports.
+    """
     program = build(SIPPO, CHUNK)
     states, reports = [program.start], []
     for _ in range(CHUNKS):
         state, report = program.run(states[-1])
         states.append(state)
         reports.append(report)
-    return SimpleNamespace(states=states, reports=reports, frozen=[int(s.selfplay.frozen[0]) for s in states[1:]])
+    return SimpleNamespace(
+        states=states, reports=reports, frozen=[int(s.selfplay.frozen[0]) for s in states[1:]]
+    )
 
 
 def test_the_run_has_live_and_both_kinds_of_frozen_chunks_and_starts_live(flown):
@@ -71,7 +77,10 @@ def test_the_pools_hold_the_players_of_every_chunks_start_and_nothing_else(flown
     for role in (DEFENDER, ATTACKER):
         policies = last.selfplay.pools[role].policies
         for slot, state in enumerate(flown.states[:-1]):
-            assert_same_bits(jax.tree.map(lambda leaf: leaf[:, slot], policies), policy_of(agent(state, role)))  # noqa: B023
+            assert_same_bits(
+                jax.tree.map(lambda leaf, slot=slot: leaf[:, slot], policies),
+                policy_of(agent(state, role)),
+            )
         early = flown.states[2].selfplay.pools[role].policies
         assert not any(np.any(leaf[:, 2:]) for leaf in jax.tree.leaves(early))
 
@@ -86,10 +95,13 @@ def test_fights_of_frozen_chunks_are_counted_for_the_member_that_was_met(flown):
     for chunk, frozen in enumerate(flown.frozen):
         before, after = (flown.states[chunk + i].selfplay.pools for i in (0, 1))
         for role in (DEFENDER, ATTACKER):
-            new = np.asarray(after[role].games - 0.5 * before[role].games)[0]  # old records fade by half
+            # old records fade by half
+            new = np.asarray(after[role].games - 0.5 * before[role].games)[0]
             expected = np.zeros(CHUNKS)
             if role == frozen:
-                expected[flown.states[chunk + 1].selfplay.opponent[0, 0]] = flown.reports[chunk].causes.sum()
+                expected[flown.states[chunk + 1].selfplay.opponent[0, 0]] = flown.reports[
+                    chunk
+                ].causes.sum()
             np.testing.assert_array_equal(new, expected)
 
 
@@ -110,7 +122,8 @@ def toy() -> SimpleNamespace:
     """Pools of both roles with five different members, without flying."""
     config = replace(TOY, selfplay=replace(TOY.selfplay, roles="both"))
     generations = [
-        jax.vmap(lambda key: init_learner(key, TOY.learn))(jax.random.split(jax.random.key(i))) for i in range(6)
+        jax.vmap(lambda key: init_learner(key, TOY.learn))(jax.random.split(jax.random.key(i)))
+        for i in range(6)
     ]
     state = init_selfplay(config, generations[0])
     for slot, learners in enumerate(generations[:5]):
@@ -125,21 +138,39 @@ def test_over_2000_chunk_starts_a_fifth_is_frozen_and_members_are_drawn_alike(to
     assert set(np.unique(chosen.frozen)) == {NOBODY, ATTACKER}
     assert stats.binomtest(int(frozen.sum()), 2000, 0.2).pvalue > 1e-3
     met = np.asarray(chosen.opponent)
-    assert np.all(met[~frozen] == NOBODY) and np.all(met[frozen] == met[frozen][:, :1])  # one for all environments
+    # one for all environments
+    assert np.all(met[~frozen] == NOBODY) and np.all(met[frozen] == met[frozen][:, :1])
     counts = np.bincount(met[frozen][:, 0], minlength=5)
-    assert counts[4] == 0 and stats.chisquare(counts[:4]).pvalue > 1e-3  # slots 0 to 3 are filled in chunk 3
+    # slots 0 to 3 are filled in chunk 3
+    assert counts[4] == 0 and stats.chisquare(counts[:4]).pvalue > 1e-3
 
 
-@pytest.mark.parametrize(("roles", "past"), [("defender", {ATTACKER}), ("attacker", {DEFENDER}), ("both", {0, 1})])
+@pytest.mark.parametrize(
+    ("roles", "past"), [("defender", {ATTACKER}), ("attacker", {DEFENDER}), ("both", {0, 1})]
+)
 def test_who_meets_whose_past(toy, roles, past):
     config = replace(TOY, selfplay=SelfPlayConfig(probability=1.0, roles=roles))
     keys = jax.random.split(jax.random.key(9), 50)
-    assert set(np.unique(jax.vmap(lambda key: choose(config, toy.state, jnp.int32(2), key))(keys).frozen)) == past
+    assert (
+        set(
+            np.unique(
+                jax.vmap(lambda key: choose(config, toy.state, jnp.int32(2), key))(keys).frozen
+            )
+        )
+        == past
+    )
 
 
 def test_neither_the_first_chunk_nor_the_head_start_is_frozen(toy):
-    always = replace(TOY, selfplay=SelfPlayConfig(probability=1.0), train=replace(TOY.train, head_start_steps=3 * 144))
-    frozen = [int(choose(always, toy.state, jnp.int32(chunk), jax.random.key(chunk)).frozen) for chunk in range(5)]
+    always = replace(
+        TOY,
+        selfplay=SelfPlayConfig(probability=1.0),
+        train=replace(TOY.train, head_start_steps=3 * 144),
+    )
+    frozen = [
+        int(choose(always, toy.state, jnp.int32(chunk), jax.random.key(chunk)).frozen)
+        for chunk in range(5)
+    ]
     assert frozen == [NOBODY, NOBODY, NOBODY, ATTACKER, ATTACKER]
     no_start = replace(always, train=TOY.train)
     assert int(choose(no_start, toy.state, jnp.int32(0), jax.random.key(0)).frozen) == NOBODY
@@ -164,11 +195,17 @@ def test_with_scope_environment_each_one_meets_its_own(toy):
     observation = jax.random.normal(jax.random.key(1), (6, 2, 35))
     action, _ = act(TOY.learn, flying, observation, jnp.zeros((6, 2, 4)))
     for env, slot in enumerate(slots):
-        past = policy_of(select(toy.generations[slot], DEFENDER)), policy_of(select(toy.live, ATTACKER))
+        past = (
+            policy_of(select(toy.generations[slot], DEFENDER)),
+            policy_of(select(toy.live, ATTACKER)),
+        )
         alone, _ = act(TOY.learn, past, observation[env : env + 1], jnp.zeros((1, 2, 4)))
         np.testing.assert_allclose(action[env], alone[0], rtol=1e-5, atol=1e-6)
     drawn = choose(
-        replace(config, selfplay=replace(config.selfplay, probability=1.0)), toy.state, jnp.int32(4), jax.random.key(0)
+        replace(config, selfplay=replace(config.selfplay, probability=1.0)),
+        toy.state,
+        jnp.int32(4),
+        jax.random.key(0),
     )
     assert len(np.unique(drawn.opponent)) > 1
 
@@ -185,7 +222,9 @@ def test_a_run_with_scope_environment_leaves_the_live_attacker_alone():
 
 def test_the_authors_slip_loses_the_live_attacker(toy):
     lost = lose_live(toy.config, toy.live, frozen(toy.state, ATTACKER, [1] * 6))
-    assert_same_bits(policy_of(select(lost, ATTACKER)), policy_of(select(toy.generations[1], ATTACKER)))
+    assert_same_bits(
+        policy_of(select(lost, ATTACKER)), policy_of(select(toy.generations[1], ATTACKER))
+    )
     assert_same_bits(select(lost, DEFENDER), select(toy.live, DEFENDER))
     assert_same_bits(select(lost, ATTACKER).optimizer, select(toy.live, ATTACKER).optimizer)
 

@@ -38,7 +38,9 @@ def test_weights_of_the_filled_slots(name, expected):
     ("delta", "expected"), [(0.0, [0, 0, 0, 0, 1]), (0.2, [0, 0, 0, 0, 1]), (1.0, [1, 1, 1, 1, 1])]
 )
 def test_delta_reaches_from_the_newest_alone_to_the_whole_pool(delta, expected):
-    assert SAMPLERS["delta_uniform"](MEMBERS, replace(SETTINGS, delta=delta))[:5].tolist() == expected
+    assert (
+        SAMPLERS["delta_uniform"](MEMBERS, replace(SETTINGS, delta=delta))[:5].tolist() == expected
+    )
 
 
 def test_every_choice_of_the_setting_is_a_sampler_and_back():

@@ -1,4 +1,6 @@
-"""Environments in which the attacker flies alone: who is absent there, who learns from them, what is counted."""
+"""Environments in which the attacker flies alone: who is absent there, who learns from them, what
+is counted.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -42,7 +44,9 @@ def rollout() -> Transition:
     def fly() -> Transition:
         learners = jax.vmap(lambda key: init_learner(key, config.learn))(jax.random.split(key))
         policies = policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
-        return collect(combat, policies, reset_fights(combat, jnp.uint32(0), jnp.int32(0)), key, key)[1]
+        return collect(
+            combat, policies, reset_fights(combat, jnp.uint32(0), jnp.int32(0)), key, key
+        )[1]
 
     return jax.jit(fly, compiler_options=UNOPTIMISED)()
 
@@ -70,7 +74,9 @@ def test_the_defender_learns_from_nothing_that_happened_without_it(rollout):
 
     def learnt(rollout: Transition, solo_envs: int):
         both = jnp.ones(2, bool)
-        program = lambda learners, rollout: learn_from(learn, learners, rollout, key, both, solo_envs)[0]
+        program = lambda learners, rollout: learn_from(
+            learn, learners, rollout, key, both, solo_envs
+        )[0]
         after = jax.jit(program, compiler_options=UNOPTIMISED)(learners, rollout)
         return SimpleNamespace(learners=jax.tree.map(lambda leaf: leaf[None], after))
 
@@ -84,7 +90,9 @@ def test_the_defender_learns_from_nothing_that_happened_without_it(rollout):
 
 def test_the_share_is_rounded_to_whole_environments():
     shares = [0.0, 0.05, 0.25, 0.5]
-    assert [replace(CONFIG, train=replace(CONFIG.train, solo_share=share)).solo_envs for share in shares] == [
+    assert [
+        replace(CONFIG, train=replace(CONFIG.train, solo_share=share)).solo_envs for share in shares
+    ] == [
         0,
         0,
         2,

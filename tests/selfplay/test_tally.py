@@ -1,4 +1,6 @@
-"""Which fights count: those flown from start to end by the same two, for as long as they were flown."""
+"""Which fights count: those flown from start to end by the same two, for as long as they were
+flown.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -20,7 +22,10 @@ def rollout(done, reward, clock) -> SimpleNamespace:
     done = jnp.asarray(done, bool)
     reward = jnp.broadcast_to(jnp.asarray(reward, jnp.float32)[..., None], (*done.shape, 2))
     return SimpleNamespace(
-        terminated=done, truncated=jnp.zeros_like(done), reward=reward, clock=jnp.asarray(clock, jnp.int32)
+        terminated=done,
+        truncated=jnp.zeros_like(done),
+        reward=reward,
+        clock=jnp.asarray(clock, jnp.int32),
     )
 
 
@@ -30,7 +35,13 @@ def test_steps_and_returns_are_of_what_was_flown():
     flown = tally.fresh(1)
     made = rollout([[0], [1], [0], [0], [1]], [[1.0], [10.0], [2.0], [3.0], [4.0]], clock)
     after, at = tally.follow(flown, made, jnp.asarray([NOBODY]))  # pyright: ignore
-    assert at.steps[:, 0].tolist() == [1, 2, 1, 2, 3] and at.returns[:, 0, 0].tolist() == [1.0, 11.0, 2.0, 5.0, 9.0]
+    assert at.steps[:, 0].tolist() == [1, 2, 1, 2, 3] and at.returns[:, 0, 0].tolist() == [
+        1.0,
+        11.0,
+        2.0,
+        5.0,
+        9.0,
+    ]
     assert tally.counted(at, made)[:, 0].tolist() == [False, False, False, False, True]  # pyright: ignore
     assert after.steps.tolist() == [0] and after.returns.tolist() == [[0.0, 0.0]]
 
@@ -43,7 +54,9 @@ def test_a_fight_counts_for_the_opponent_that_flew_all_of_it():
     end = rollout([[1, 0], [0, 0], [1, 1]], np.zeros((3, 2)), [[61, 61], [1, 62], [2, 63]])
     slot_0 = jnp.full(2, 1)  # the attacker of slot 0, as `met` spells it
     flown, at = tally.follow(flown, end, slot_0)  # pyright: ignore
-    assert at.met[:, 0].tolist() == [tally.MIXED, 1, 1] and at.met[:, 1].tolist() == [tally.MIXED] * 3
+    assert (
+        at.met[:, 0].tolist() == [tally.MIXED, 1, 1] and at.met[:, 1].tolist() == [tally.MIXED] * 3
+    )
     counts = tally.counted(at, end)  # pyright: ignore
     assert counts.tolist() == [[False, False], [False, False], [True, False]]  # the one begun since
     assert flown.met.tolist() == [1, 1]  # and what begins now is slot 0's again
@@ -70,7 +83,9 @@ def test_who_is_met_is_role_and_slot():
 
 @pytest.fixture(scope="module")
 def run() -> SimpleNamespace:
-    """Self-play in which fights go on over chunks: 6 chunks of 2 iterations of 6 steps, time-out after 9."""
+    """Self-play in which fights go on over chunks: 6 chunks of 2 iterations of 6 steps, time-out
+    after 9.
+    """
     config = replace(
         CONFIG,
         game=replace(CONFIG.game, episode_steps=9),
@@ -87,11 +102,13 @@ def test_a_run_counts_no_fight_that_it_did_not_fly_whole(run):
     fights = report.causes[0].sum(-1)
     most = steps * (1 + np.arange(12))
     assert np.all(report.episode_steps[0] <= most * fights)
-    assert report.causes[0, 0, Cause.TIMEOUT] == 0  # no fight can have lasted 9 steps yet, whatever its clock says
+    # no fight can have lasted 9 steps yet, whatever its clock says
+    assert report.causes[0, 0, Cause.TIMEOUT] == 0
     assert report.causes[0, :, Cause.TIMEOUT].sum() > 0
     frozen = report.frozen[0].reshape(6, 2)[:, 0]
     assert set(frozen) == {NOBODY, ATTACKER}
     changes = np.flatnonzero(np.diff(frozen) != 0) + 1
-    assert np.all(report.causes[0, 2 * changes, Cause.TIMEOUT] == 0)  # those were begun against somebody else
+    # those were begun against somebody else
+    assert np.all(report.causes[0, 2 * changes, Cause.TIMEOUT] == 0)
     _, attackers = run.state.selfplay.pools
     assert attackers.games.sum() == report.causes[0].sum(-1)[report.frozen[0] == ATTACKER].sum()

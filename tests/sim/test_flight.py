@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from dronecombat_jax.config.fields import SimConfig
-from dronecombat_jax.sim.flight import build_step, hover_command, limit_rate, skew, solve_3x3, split, wrench
+from dronecombat_jax.sim.flight import (
+    build_step,
+    hover_command,
+    limit_rate,
+    skew,
+    solve_3x3,
+    split,
+    wrench,
+)
 from dronecombat_jax.sim.scene import Scene, load_scene
 
 STEPS = 100  # control steps, 2 s
@@ -16,7 +24,9 @@ HOVER = hover_command(SimConfig().thrust_to_weight)
 
 # Tumbles: 20, 40, 100 rad/s about three directions; the specification's numbers are for the first.
 DIRECTIONS = np.array([[1.0, 0.2, 1.0], [0.6, 0.5, 0.62], [0.0, -0.98, 0.2]])
-TUMBLES = np.concatenate([v * DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1)[:, None] for v in (20.0, 40.0, 100.0)])
+TUMBLES = np.concatenate(
+    [v * DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1)[:, None] for v in (20.0, 40.0, 100.0)]
+)
 KICK, STRUGGLE, STILL, ROLLING, TUMBLE = 0, 1, 2, 3, slice(4, 4 + len(TUMBLES))
 CAP = 150.0  # rad/s; above the default, as C MuJoCo has none and the struggle goes beyond 100
 
@@ -33,7 +43,9 @@ def flights(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return fly(SimConfig(max_body_rate=CAP), scene, qvel, action)
 
 
-def fly(sim: SimConfig, scene: Scene, qvel: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def fly(
+    sim: SimConfig, scene: Scene, qvel: np.ndarray, action: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Fly from `PLACES` with velocities [N, 12] and actions [T, N, A, 4]."""
     step = jax.vmap(build_step(sim, scene))
 
@@ -52,7 +64,8 @@ def cases() -> tuple[np.ndarray, np.ndarray]:
     qvel = np.zeros((TUMBLE.stop, 12), np.float32)
     action = np.zeros((STEPS, TUMBLE.stop, 2, 4), np.float32)
     qvel[KICK] = [1, -2, 0.5, 3, -4, 2, -1, 0.5, 2, -6, 2, 5]
-    action[:, KICK, :, 0] = random.uniform(-1, 1, (STEPS, 2))  # no moments: the kick alone turns the drones
+    # no moments: the kick alone turns the drones
+    action[:, KICK, :, 0] = random.uniform(-1, 1, (STEPS, 2))
     qvel[STRUGGLE] = -qvel[KICK]
     action[:, STRUGGLE] = random.uniform(-1, 1, (STEPS, 2, 4))  # what an untrained policy does
     action[:, STILL, :, 0] = HOVER
@@ -62,8 +75,12 @@ def cases() -> tuple[np.ndarray, np.ndarray]:
     return qvel, action
 
 
-def in_c_mujoco(scene: Scene, qvel: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same flight `(qpos [T, 14], qvel [T, 12])` in C MuJoCo, through the actuators of the full scene."""
+def in_c_mujoco(
+    scene: Scene, qvel: np.ndarray, action: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same flight `(qpos [T, 14], qvel [T, 12])` in C MuJoCo, through the actuators of the full
+    scene.
+    """
     data, path = mujoco.MjData(scene.full), []
     data.qpos[:], data.qvel[:] = PLACES, qvel
     low, high = scene.full.actuator_ctrlrange[scene.controls].transpose(2, 0, 1)
@@ -84,7 +101,8 @@ def test_agrees_with_the_implicit_integrator_of_c_mujoco(scene: Scene, flights: 
     np.testing.assert_allclose(ours.position, theirs.position, atol=1e-3)
     np.testing.assert_allclose(ours.rate, theirs.rate, atol=1e-2)
     np.testing.assert_allclose(ours.velocity, theirs.velocity, atol=2e-3)
-    cosine = np.abs(np.sum(ours.quaternion * theirs.quaternion, axis=-1))  # q and -q are one attitude
+    # q and -q are one attitude
+    cosine = np.abs(np.sum(ours.quaternion * theirs.quaternion, axis=-1))
     np.testing.assert_allclose(cosine, 1.0, atol=1e-5)
 
 
@@ -120,14 +138,17 @@ def test_explicit_gyroscopic_torque_diverges(scene: Scene):
     sim = SimConfig(gyroscopic="explicit", max_body_rate=1e4, substeps=1)
     qvel = np.zeros((3, 12), np.float32)
     qvel[:, 3:6] = TUMBLES[::3]
-    final = np.linalg.norm(fly(sim, scene, qvel, np.zeros((2 * STEPS, 3, 2, 4), np.float32))[1][-1, :, 3:6], axis=-1)
+    final = np.linalg.norm(
+        fly(sim, scene, qvel, np.zeros((2 * STEPS, 3, 2, 4), np.float32))[1][-1, :, 3:6], axis=-1
+    )
     assert final[0] == pytest.approx(36.6, abs=0.5)
     assert final[1] > 500
     assert final[2] > 5000  # held by the cap of this test at 1e4
 
 
 def test_wrench_turns_with_the_body_at_every_substep(flights: tuple):
-    """Rolling at 20 rad/s under full thrust: in the second substep it pushes along a z that has turned.
+    """Rolling at 20 rad/s under full thrust: in the second substep it pushes along a z that has
+    turned.
 
     The moment 0.01 N m about x, a principal axis, adds h m / I before the body turns by h w.
     """
@@ -146,7 +167,8 @@ def test_rate_stays_under_the_cap(flights: tuple):
     rate = np.linalg.norm(split(flights[0], flights[1])[3], axis=-1)
     assert rate.max() <= CAP * (1 + 1e-6)
     assert rate[-1, ROLLING, 0] == pytest.approx(CAP, rel=1e-5)
-    assert rate[:, STRUGGLE].max() < 0.95 * CAP  # so that the comparison with C MuJoCo, which has no cap, holds
+    # so that the comparison with C MuJoCo, which has no cap, holds
+    assert rate[:, STRUGGLE].max() < 0.95 * CAP
 
 
 def test_cap_keeps_direction_velocity_and_slow_rates():
@@ -159,7 +181,9 @@ def test_cap_keeps_direction_velocity_and_slow_rates():
 def test_wrench_is_clipped_and_scaled():
     """Thrust 1.9 weights at u0 = 1, none at -1; moments 0.01 N m at full deflection (eq. 7, 8)."""
     full = jnp.array([1.9 * 0.276642, 1.9 * 0.276642])
-    thrust, moment = wrench(jnp.array([[5.0, 1e30, -0.5, -7.0], [HOVER, 0.0, 1.0, -jnp.inf]]), full, 0.01)
+    thrust, moment = wrench(
+        jnp.array([[5.0, 1e30, -0.5, -7.0], [HOVER, 0.0, 1.0, -jnp.inf]]), full, 0.01
+    )
     np.testing.assert_allclose(thrust, [1.9 * 0.276642, 0.276642], rtol=1e-6)
     np.testing.assert_allclose(moment, [[0.01, -0.005, -0.01], [0.0, 0.01, -0.01]], rtol=1e-6)
     np.testing.assert_array_equal(wrench(jnp.full((2, 4), -1.0), full, 0.01)[0], [0.0, 0.0])
@@ -173,4 +197,6 @@ def test_skew_and_solve_agree_with_numpy():
     expected = np.linalg.solve(matrix.astype(np.float64), v[..., None])[..., 0]
     np.testing.assert_allclose(solve_3x3(matrix, v), expected, rtol=2e-4, atol=1e-5)
     tiny = np.diag([2e-5, 2e-5, 3.5e-5]).astype(np.float32)  # an inertia: its determinant is 1e-14
-    np.testing.assert_allclose(solve_3x3(tiny, np.ones(3, np.float32)), 1 / np.diag(tiny), rtol=1e-5)
+    np.testing.assert_allclose(
+        solve_3x3(tiny, np.ones(3, np.float32)), 1 / np.diag(tiny), rtol=1e-5
+    )

@@ -26,18 +26,25 @@ def wxyz(turns: Rotation) -> np.ndarray:
 def test_rotations_agree_with_scipy():
     quaternion = wxyz(TURNS)
     np.testing.assert_allclose(rotate(quaternion, VECTORS), TURNS.apply(VECTORS), atol=2e-6)
-    np.testing.assert_allclose(rotate_inverse(quaternion, VECTORS), TURNS.inv().apply(VECTORS), atol=2e-6)
+    np.testing.assert_allclose(
+        rotate_inverse(quaternion, VECTORS), TURNS.inv().apply(VECTORS), atol=2e-6
+    )
     np.testing.assert_allclose(body_z(quaternion), TURNS.as_matrix()[..., 2], atol=2e-6)
 
 
 def test_product_turns_by_the_right_factor_first():
     product = multiply(wxyz(TURNS), wxyz(OTHER))
-    np.testing.assert_allclose(rotate(product, VECTORS), TURNS.apply(OTHER.apply(VECTORS)), atol=2e-6)
+    np.testing.assert_allclose(
+        rotate(product, VECTORS), TURNS.apply(OTHER.apply(VECTORS)), atol=2e-6
+    )
     unit = np.tile(np.array([1, 0, 0, 0], np.float32), (len(TURNS), 1))
     np.testing.assert_allclose(multiply(wxyz(TURNS), conjugate(wxyz(TURNS))), unit, atol=2e-6)
 
 
 def test_leading_axes_are_free():
     turns, vectors = wxyz(TURNS).reshape(2, -1, 4), VECTORS.reshape(2, -1, 3)
-    np.testing.assert_allclose(rotate(turns, vectors).reshape(-1, 3), rotate(wxyz(TURNS), VECTORS), atol=1e-6)
-    np.testing.assert_allclose(rotate(turns[0, 0], vectors), vectors, atol=1e-6)  # one turn, many vectors
+    np.testing.assert_allclose(
+        rotate(turns, vectors).reshape(-1, 3), rotate(wxyz(TURNS), VECTORS), atol=1e-6
+    )
+    # one turn, many vectors
+    np.testing.assert_allclose(rotate(turns[0, 0], vectors), vectors, atol=1e-6)

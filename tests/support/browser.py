@@ -21,7 +21,8 @@ FLAGS = [
     "--disable-sync",
 ]
 NAMES = ("chromium", "chromium-browser", "google-chrome")
-SOFTWARE = "ReadPixels"  # a screenshot of software WebGL is slow, which Chromium finds worth a warning
+# a screenshot of software WebGL is slow, which Chromium finds worth a warning
+SOFTWARE = "ReadPixels"
 
 
 @contextmanager
@@ -30,7 +31,9 @@ def chromium() -> Iterator[Any]:
     path = next(filter(None, map(shutil.which, NAMES)), None)
     if path is None:
         pytest.skip("no Chromium here: apt-get install chromium")
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install -e '.[test]'")
+    api = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed: pip install -e '.[test]'"
+    )
     with api.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=path, args=FLAGS)
         try:
@@ -42,15 +45,22 @@ def chromium() -> Iterator[Any]:
 class Tab:
     """A page of its own, with all that it said and asked for."""
 
-    def __init__(self, browser: Any, address: str, size: tuple[int, int], *, script: str = "", **context: Any):
+    def __init__(
+        self, browser: Any, address: str, size: tuple[int, int], *, script: str = "", **context: Any
+    ):
         settings = {"reduced_motion": "reduce", "color_scheme": "light"} | context
-        self.context = browser.new_context(viewport={"width": size[0], "height": size[1]}, **settings)
+        self.context = browser.new_context(
+            viewport={"width": size[0], "height": size[1]}, **settings
+        )
         self.page = self.context.new_page()
         self.said: list[str] = []
         self.asked: list[str] = []
         self.page.on("console", lambda message: self._note(message.type, message.text))
         self.page.on("pageerror", lambda error: self.said.append(f"error: {error}"))
-        self.page.on("dialog", lambda dialog: (self.said.append(f"dialog: {dialog.message}"), dialog.dismiss()))
+        self.page.on(
+            "dialog",
+            lambda dialog: (self.said.append(f"dialog: {dialog.message}"), dialog.dismiss()),
+        )
         self.page.on("request", lambda request: self.asked.append(request.url))
         if script:
             self.page.add_init_script(script)
@@ -70,7 +80,9 @@ class Tab:
 
     def settle(self) -> None:
         """Wait until a picture has been drawn after all that was asked for."""
-        self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        self.page.evaluate(
+            "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+        )
 
     def close(self) -> None:
         """End the page; it must have asked for nothing but itself, and have complained of nothing."""

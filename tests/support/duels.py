@@ -13,7 +13,9 @@ RULES = Rules(
     crash_altitude=0.2,
     thrust=(0.5256, 0.5256),
     weight=(0.2766, 0.2766),
-    winners=tuple(Outcome.DEFENDER if cause == Cause.INTERCEPT else Outcome.DRAW for cause in Cause),
+    winners=tuple(
+        Outcome.DEFENDER if cause == Cause.INTERCEPT else Outcome.DRAW for cause in Cause
+    ),
     alone=False,
 )
 
@@ -34,7 +36,9 @@ def duel(steps: int = 100, cause: Cause = Cause.INTERCEPT, seed: int = 0) -> Tra
         qpos[:, drone, 3], qpos[:, drone, 6] = np.cos(turn / 2), np.sin(turn / 2)
     action = rng.uniform(-1, 1, (steps + 1, 2, 4))
     flat = lambda values: values.reshape(steps + 1, -1)
-    return Trajectory(time, flat(qpos), flat(qvel), action, np.array(TARGET), int(cause), CONTROL_DT)
+    return Trajectory(
+        time, flat(qpos), flat(qvel), action, np.array(TARGET), int(cause), CONTROL_DT
+    )
 
 
 def fights(count: int, steps: int = 100, name: str = "Fight") -> list[Fight]:

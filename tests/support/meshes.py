@@ -1,12 +1,13 @@
-"""The toy run on several meshes, in a process of its own: devices are settled when JAX starts. Writes `.npz` files.
+"""The toy run on several meshes, in a process of its own: devices are settled when JAX starts.
+Writes `.npz` files.
 
     python meshes.py FOLDER
 
-`start.npz`, the state that all begin with; `<seeds>x<environments>.npz`, two seeds after three chunks of S-IPPO, with
-the metrics of all iterations below `curves/` (2x1 and 1x2 by a program from a file, `runs.lowered`), and
-`together-<mesh>.npz`, the same with both seeds side by side;
-`flight-<mesh>.npz`, but for 2x1, the fights after one rollout of policies that only draw noise, and `flight-<mesh>.txt`,
-that flight's program.
+`start.npz`, the state that all begin with; `<seeds>x<environments>.npz`, two seeds after three
+chunks of S-IPPO, with the metrics of all iterations below `curves/` (2x1 and 1x2 by a program from
+a file, `runs.lowered`), and `together-<mesh>.npz`, the same with both seeds side by side;
+`flight-<mesh>.npz`, but for 2x1, the fights after one rollout of policies that only draw noise, and
+`flight-<mesh>.txt`, that flight's program.
 """
 
 import sys
@@ -55,11 +56,17 @@ def main(folder: Path) -> None:
     drawn = start.replace(learners=start.learners.replace(parameters=silent))
     together = Coasting(replace(config, run=replace(config.run, seeds_at_once=2)))
 
-    def save_run(name: str, combat: Coasting, mesh: jax.sharding.Mesh | None, kept: bool = False) -> None:
+    def save_run(
+        name: str, combat: Coasting, mesh: jax.sharding.Mesh | None, kept: bool = False
+    ) -> None:
         advance, state = build_advance(combat, ITERATIONS, mesh), place(start, mesh)
         if kept:
-            lowered.compiled("advance", config, lambda: advance, state, mesh, compiler_options=UNOPTIMISED)
-            program = lowered.compiled("advance", config, never, state, mesh, compiler_options=UNOPTIMISED)
+            lowered.compiled(
+                "advance", config, lambda: advance, state, mesh, compiler_options=UNOPTIMISED
+            )
+            program = lowered.compiled(
+                "advance", config, never, state, mesh, compiler_options=UNOPTIMISED
+            )
         else:
             program = jitted(advance, state, mesh, compiler_options=UNOPTIMISED)
         state, report = program(state)

@@ -1,4 +1,6 @@
-"""Policies that nobody trained, and what a file says about them; shared by the tests of files and exports."""
+"""Policies that nobody trained, and what a file says about them; shared by the tests of files and
+exports.
+"""
 
 import itertools
 from typing import Any
@@ -14,8 +16,8 @@ SIZES = (35, 16, 8, 4)
 
 
 def make_policy(sizes: tuple[int, ...] = SIZES, seed: int = 0) -> Policy:
-    """Weights that keep the size of what goes through them, a last layer that makes actions that a drone can fly,
-    and a scaler far from mean 0 and variance 1.
+    """Weights that keep the size of what goes through them, a last layer that makes actions that a
+    drone can fly, and a scaler far from mean 0 and variance 1.
     """
     rng = np.random.default_rng(seed)
     draw = lambda *shape: rng.standard_normal(shape, np.float32)
@@ -23,7 +25,9 @@ def make_policy(sizes: tuple[int, ...] = SIZES, seed: int = 0) -> Policy:
     weights[-1][:] *= np.float32(0.05)
     biases = tuple(draw(size) / 8 for size in sizes[1:])
     variance = np.float32(10.0) ** draw(sizes[0])
-    return Policy(MLP(weights, biases), draw(sizes[-1]), Scaler(3 * draw(sizes[0]), variance, np.float32(1e6)))
+    return Policy(
+        MLP(weights, biases), draw(sizes[-1]), Scaler(3 * draw(sizes[0]), variance, np.float32(1e6))
+    )
 
 
 def make_info(config: Config | None = None, **changes: Any) -> PolicyInfo:
@@ -44,13 +48,19 @@ def make_info(config: Config | None = None, **changes: Any) -> PolicyInfo:
 
 
 def observations(policy: Policy, spread: float, normalize: bool = True) -> np.ndarray:
-    """[256, 35], `spread` standard deviations around what the policy has seen; around 0 if it does not normalise."""
+    """[256, 35], `spread` standard deviations around what the policy has seen; around 0 if it does
+    not normalise.
+    """
     scaler = policy.observation_scaler
     drawn = spread * np.random.default_rng(1).standard_normal((256, scaler.mean.size))
-    return np.asarray(scaler.mean + np.sqrt(scaler.variance) * drawn if normalize else drawn, np.float32)
+    return np.asarray(
+        scaler.mean + np.sqrt(scaler.variance) * drawn if normalize else drawn, np.float32
+    )
 
 
 def assert_same_actions(a: np.ndarray, b: np.ndarray) -> None:
-    """Equal to 1e-6, and numbers that a drone can fly: of an action of 30 float32 knows no more than 2e-6."""
+    """Equal to 1e-6, and numbers that a drone can fly: of an action of 30 float32 knows no more
+    than 2e-6.
+    """
     assert a.shape == b.shape and np.abs(a - b).max() <= 1e-6, np.abs(a - b).max()
     assert 0.05 < np.abs(b).max() < 3.0

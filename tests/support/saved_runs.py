@@ -47,7 +47,9 @@ def newest(checkpoints: Path, **options: bool) -> int | None:
 def damage(path: Path, chunk: int, config: Config = TOY) -> None:
     """Flip a byte of a checkpoint's largest file."""
     folder = path / "checkpoints" / str(chunk * config.train.chunk_iterations)
-    largest = max((file for file in folder.rglob("*") if file.is_file()), key=lambda file: file.stat().st_size)
+    largest = max(
+        (file for file in folder.rglob("*") if file.is_file()), key=lambda file: file.stat().st_size
+    )
     data = bytearray(largest.read_bytes())
     data[len(data) // 2] ^= 1
     largest.write_bytes(data)

@@ -1,4 +1,6 @@
-"""Training by the command line at toy size, in a process of its own, compiled with little optimisation."""
+"""Training by the command line at toy size, in a process of its own, compiled with little
+optimisation.
+"""
 
 import os
 import signal
@@ -23,12 +25,25 @@ ENVIRONMENT = os.environ | {
 PATIENCE = 300.0  # seconds
 
 
-def train(root: Path, name: str, *flags: str, environment: dict[str, str] | None = None) -> subprocess.Popen[str]:
+def train(
+    root: Path, name: str, *flags: str, environment: dict[str, str] | None = None
+) -> subprocess.Popen[str]:
     """Begin, or go on with, a run in its own process."""
-    command = [sys.executable, "-m", "dronecombat_jax", "train", "--name", name, "--run.directory", str(root)]
+    command = [
+        sys.executable,
+        "-m",
+        "dronecombat_jax",
+        "train",
+        "--name",
+        name,
+        "--run.directory",
+        str(root),
+    ]
     pipe = subprocess.PIPE
     variables = ENVIRONMENT | (environment or {})
-    return subprocess.Popen([*command, *COMMAND, *flags], stdout=pipe, stderr=pipe, text=True, env=variables)
+    return subprocess.Popen(
+        [*command, *COMMAND, *flags], stdout=pipe, stderr=pipe, text=True, env=variables
+    )
 
 
 def train_together(root: Path, name: str, *flags: str) -> list[subprocess.Popen[str]]:
@@ -38,7 +53,10 @@ def train_together(root: Path, name: str, *flags: str) -> list[subprocess.Popen[
         address = f"127.0.0.1:{free.getsockname()[1]}"
     together = {"JAX_COORDINATOR_ADDRESS": address, "JAX_NUM_PROCESSES": "2"}
     each = ("--run.distributed", *flags)
-    return [train(root, name, *each, environment=together | {"JAX_PROCESS_ID": str(index)}) for index in range(2)]
+    return [
+        train(root, name, *each, environment=together | {"JAX_PROCESS_ID": str(index)})
+        for index in range(2)
+    ]
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
@@ -47,7 +65,9 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
     return process.returncode, out, err
 
 
-def interrupt(process: subprocess.Popen[str], run: Path, after: int, number: signal.Signals) -> tuple[int, str, str]:
+def interrupt(
+    process: subprocess.Popen[str], run: Path, after: int, number: signal.Signals
+) -> tuple[int, str, str]:
     """Send a signal once the checkpoint of `after` iterations is there."""
     deadline = time.monotonic() + PATIENCE
     while not (run / "checkpoints" / str(after)).exists():

@@ -1,4 +1,10 @@
-"""Tournaments with a planted truth, and their entrants; shared by the tests of ratings and statistics."""
+"""Tournaments with a planted truth, and their entrants; shared by the tests of ratings and
+statistics.
+from pathlib import Path
+
+"""
+
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +23,27 @@ LETTERS = {"w": Cause.INTERCEPT, "d": Cause.TIMEOUT, "l": Cause.REACHED, ".": Ca
 def entrants(
     role: str, runs: int, chunks: int, methods: tuple[str, ...] = ("ippo",), scripted: int = 0
 ) -> list[Entrant]:
-    """`runs` seeds of one run of each method with `chunks` entrants each, saved after chunk 1, 2, ..., then `scripted` pilots."""
+    """`runs` seeds of one run of each method with `chunks` entrants each, saved after chunk 1, 2,
+    ..., then `scripted` pilots.
+    """
     made = [
-        Entrant(f"{role}-{method}-{seed}-{chunk}", f"{method} {seed}", method, method, seed, chunk, 1000 * chunk)
+        Entrant(
+            f"{role}-{method}-{seed}-{chunk}",
+            f"{method} {seed}",
+            method,
+            method,
+            seed,
+            chunk,
+            1000 * chunk,
+        )
         for method in methods
         for seed in range(runs)
         for chunk in range(1, chunks + 1)
     ]
-    return made + [Entrant(f"{role}-pilot-{one}", f"pilot {one}", SCRIPTED, "", -1, -1, 0) for one in range(scripted)]
+    return made + [
+        Entrant(f"{role}-pilot-{one}", f"pilot {one}", SCRIPTED, "", -1, -1, 0)
+        for one in range(scripted)
+    ]
 
 
 def from_letters(rows: list[list[str]]) -> TournamentResult:
@@ -33,7 +52,9 @@ def from_letters(rows: list[list[str]]) -> TournamentResult:
     return build(cause)
 
 
-def from_rates(win: NDArray, episodes: int, seed: int, draw: NDArray | float = 0.0, **sides) -> TournamentResult:
+def from_rates(
+    win: NDArray, episodes: int, seed: int, draw: NDArray | float = 0.0, **sides
+) -> TournamentResult:
     """Draw `episodes` fights a cell with the defender's chance `win` and the chance `draw` [D, A]."""
     chance = np.random.default_rng(seed).random((*win.shape, episodes))
     draw = np.broadcast_to(draw, win.shape)
@@ -41,7 +62,9 @@ def from_rates(win: NDArray, episodes: int, seed: int, draw: NDArray | float = 0
     return build(np.where(chance < win[..., None], Cause.INTERCEPT, lost).astype(np.int8), **sides)
 
 
-def build(cause: NDArray, defenders=None, attackers=None, steps: NDArray | None = None) -> TournamentResult:
+def build(
+    cause: NDArray, defenders=None, attackers=None, steps: NDArray | None = None
+) -> TournamentResult:
     """A tournament of `cause` [D, A, E]; without names every entrant is a chunk of one run."""
     defenders = entrants("d", 1, cause.shape[0]) if defenders is None else defenders
     attackers = entrants("a", 1, cause.shape[1]) if attackers is None else attackers
@@ -52,3 +75,13 @@ def build(cause: NDArray, defenders=None, attackers=None, steps: NDArray | None 
 def bradley_terry_rates(defender: NDArray, attacker: NDArray) -> NDArray:
     """The defender's chance [D, A] by strengths in log-odds."""
     return expit(defender[:, None] - attacker[None, :])
+
+
+def words(runs: Path) -> list[str]:
+    return [str(runs / "five"), "scripted:hover", "scripted:dash"]
+
+
+def assert_same(result: TournamentResult, other: TournamentResult) -> None:
+    for part in ("counts", "cause", "steps", "played"):
+        np.testing.assert_array_equal(getattr(result, part), getattr(other, part))
+    assert result.defenders == other.defenders and result.attackers == other.attackers

@@ -1,7 +1,7 @@
 """A training program at toy size, and the comparison of states bit for bit; shared by the tests.
 
-The drones coast here instead of being stepped by MJX, and the programs are compiled without optimisation:
-both take most of the time of compiling, and neither is what is tested.
+The drones coast here instead of being stepped by MJX, and the programs are compiled without
+optimisation: both take most of the time of compiling, and neither is what is tested.
 """
 
 from types import SimpleNamespace
@@ -19,9 +19,13 @@ UNOPTIMISED = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_
 CHUNK = 2  # iterations
 CONFIG = Config(
     game=GameConfig(episode_steps=20),
-    learn=LearnConfig(hidden_sizes=(8, 8), rollout_steps=6, epochs=2, minibatches=2, minibatch_order="shuffled"),
+    learn=LearnConfig(
+        hidden_sizes=(8, 8), rollout_steps=6, epochs=2, minibatches=2, minibatch_order="shuffled"
+    ),
     # One chunk of head start, in which the attacker alone learns.
-    train=TrainConfig(num_envs=8, chunk_iterations=CHUNK, head_start_steps=90, total_steps=400, seed=4),
+    train=TrainConfig(
+        num_envs=8, chunk_iterations=CHUNK, head_start_steps=90, total_steps=400, seed=4
+    ),
 )
 
 
@@ -32,8 +36,12 @@ class Coasting(Combat):
         super().__init__(config)
         self._fly = self._coast
 
-    def _coast(self, qpos: jax.Array, qvel: jax.Array, action: jax.Array) -> tuple[jax.Array, jax.Array]:
-        push = jnp.concatenate([action[:, 1:], action[:, 1:]], axis=1).at[:, 2].set(action[:, 0] - 0.5)
+    def _coast(
+        self, qpos: jax.Array, qvel: jax.Array, action: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
+        push = (
+            jnp.concatenate([action[:, 1:], action[:, 1:]], axis=1).at[:, 2].set(action[:, 0] - 0.5)
+        )
         qvel = qvel + push.reshape(-1)
         position = qpos.reshape(2, 7).at[:, :3].add(0.05 * qvel.reshape(2, 6)[:, :3])
         return position.reshape(-1), qvel
@@ -51,7 +59,9 @@ def build(config: Config, iterations: int) -> SimpleNamespace:
     program = jax.jit(counted, compiler_options=UNOPTIMISED)
     start = jax.jit(lambda: init_state(combat), compiler_options=UNOPTIMISED)
     with jax.debug_key_reuse(True):
-        return SimpleNamespace(run=_checked(program), start=start(), traces=traces, combat=combat, advance=advance)
+        return SimpleNamespace(
+            run=_checked(program), start=start(), traces=traces, combat=combat, advance=advance
+        )
 
 
 def _checked(program):
@@ -65,7 +75,9 @@ def _checked(program):
 
 
 def assert_same_bits(a, b) -> None:
-    for (path, x), y in zip(jax.tree_util.tree_leaves_with_path(a), jax.tree.leaves(b), strict=True):
+    for (path, x), y in zip(
+        jax.tree_util.tree_leaves_with_path(a), jax.tree.leaves(b), strict=True
+    ):
         assert np.asarray(x).tobytes() == np.asarray(y).tobytes(), jax.tree_util.keystr(path)
 
 

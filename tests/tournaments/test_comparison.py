@@ -1,4 +1,6 @@
-"""The command `compare`: grouping, the one tournament of all runs, and the answer; the fights are planted."""
+"""The command `compare`: grouping, the one tournament of all runs, and the answer; the fights are
+planted.
+"""
 
 import json
 from dataclasses import replace
@@ -22,7 +24,9 @@ RUNS = {**{f"plain{i}": 0.0 for i in range(4)}, **{f"mixed{i}": 0.2 for i in ran
 
 @pytest.fixture
 def played(monkeypatch, tmp_path):
-    """Eight runs on disk, and a tournament in which those with self-play defend better; `played` is what was asked."""
+    """Eight runs on disk, and a tournament in which those with self-play defend better; `played` is
+    what was asked.
+    """
     monkeypatch.chdir(tmp_path)
     for name, probability in RUNS.items():
         config = settings.load("duel", {"selfplay.probability": probability})
@@ -66,7 +70,9 @@ def test_all_runs_and_the_pilots_meet_once_and_are_judged(played, capsys):
 
 
 def test_few_fights_and_other_differences_are_noted(played):
-    text = settings.to_toml(settings.load("duel", {"train.total_steps": 10_000_000, "run.name": "plain0"}))
+    text = settings.to_toml(
+        settings.load("duel", {"train.total_steps": 10_000_000, "run.name": "plain0"})
+    )
     Path("runs/plain0/config.toml").write_text(text)
     comparison.compare(list(RUNS), Rules(episodes=5), name="joint")
     notes = json.loads(Path("tournaments/joint/comparison.json").read_text())["notes"]
@@ -74,18 +80,24 @@ def test_few_fights_and_other_differences_are_noted(played):
 
 
 def test_a_report_and_a_second_look_compare_what_was_compared(played, monkeypatch, capsys):
-    comparison.compare(list(RUNS), Rules(episodes=100), by="selfplay.probability", name="joint", every=3)
+    comparison.compare(
+        list(RUNS), Rules(episodes=100), by="selfplay.probability", name="joint", every=3
+    )
     first = Path("tournaments/joint/comparison.json").read_text()
     assert comparison.compare([], Rules(), name="joint") == 0
     second = json.loads(Path("tournaments/joint/comparison.json").read_text())
     assert second == json.loads(first) | {"notes": second["notes"]} and second["panel_every"] == 3
     seen = {}
     monkeypatch.setattr(
-        tournament_report, "write_report", lambda result, *_, **how: seen.update(how, result=result) or [Path("x")]
+        tournament_report,
+        "write_report",
+        lambda result, *_, **how: seen.update(how, result=result) or [Path("x")],
     )
     assert tournament_report.report("joint") == 0
     assert seen["every"] == 3
-    assert {one.method for one in seen["result"].defenders} == {f"selfplay.probability = {p}" for p in (0.0, 0.2)}
+    assert {one.method for one in seen["result"].defenders} == {
+        f"selfplay.probability = {p}" for p in (0.0, 0.2)
+    }
 
 
 def test_a_grouping_that_leaves_nothing_is_refused_before_a_fight(played):

@@ -1,4 +1,6 @@
-"""Who takes part: what the words mean, each content once, bad checkpoints and other games refused with all names."""
+"""Who takes part: what the words mean, each content once, bad checkpoints and other games refused
+with all names.
+"""
 
 import shutil
 from dataclasses import replace
@@ -25,7 +27,9 @@ from dronecombat_jax.types import ATTACKER, DEFENDER, Policy
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Runs `ten` of ten chunks and `two` of two chunks and two seeds, whose seed 4 is not that of `ten`."""
+    """Runs `ten` of ten chunks and `two` of two chunks and two seeds, whose seed 4 is not that of
+    `ten`.
+    """
     root = tmp_path_factory.mktemp("runs")
     write_run(root / "ten", chunks=10)
     write_run(root / "two", replace(TOY, train=replace(TOY.train, num_seeds=2)), chunks=2, seed=1)
@@ -44,7 +48,9 @@ def bad(home: Path, tmp_path: Path) -> Path:
 
 
 def labels(words, role: int, **how) -> list[str]:
-    return [seat.entrant.label for seat in read_field([str(word) for word in words], **how).seats[role]]
+    return [
+        seat.entrant.label for seat in read_field([str(word) for word in words], **how).seats[role]
+    ]
 
 
 def refusal(words, **how) -> UserError:
@@ -66,7 +72,10 @@ def test_a_run_stands_for_both_sides_after_every_chunk(home: Path):
 def test_the_untrained_take_part_when_asked_for(home: Path):
     field = read_field([str(home / "ten")], every=5, untrained=True)
     assert [seat.entrant.label for seat in field.seats[DEFENDER]] == ["ten 0", "ten 5", "ten 10"]
-    assert (field.seats[ATTACKER][0].entrant.chunk, field.seats[ATTACKER][0].entrant.steps) == (0, 0)
+    assert (field.seats[ATTACKER][0].entrant.chunk, field.seats[ATTACKER][0].entrant.steps) == (
+        0,
+        0,
+    )
 
 
 def test_every_nth_chunk_and_the_last(home: Path):
@@ -76,13 +85,20 @@ def test_every_nth_chunk_and_the_last(home: Path):
 
 def test_of_several_seeds_each_is_a_run_of_its_own(home: Path):
     field = read_field([str(home / "two")])
-    assert [seat.entrant.label for seat in field.seats[0]] == ["two/4 1", "two/5 1", "two/4 2", "two/5 2"]
+    assert [seat.entrant.label for seat in field.seats[0]] == [
+        "two/4 1",
+        "two/5 1",
+        "two/4 2",
+        "two/5 2",
+    ]
     assert {seat.entrant.run for seat in field.seats[1]} == {"two/4", "two/5"}
 
 
 def test_the_policies_are_those_of_the_checkpoint(home: Path):
     field = read_field([str(home / "ten")])
-    saved, _ = policy_of_run(load_run(home / "ten", chunk=7), RunDirectory(home / "ten"), "attacker", None)
+    saved, _ = policy_of_run(
+        load_run(home / "ten", chunk=7), RunDirectory(home / "ten"), "attacker", None
+    )
     player = field.seats[ATTACKER][6].player
     assert player is not None and isinstance(player.pilot, Policy)
     flown = player.pilot
@@ -94,13 +110,18 @@ def test_the_policies_are_those_of_the_checkpoint(home: Path):
 
 def test_the_same_content_is_flown_once_with_a_notice(home: Path, tmp_path: Path):
     """An exported policy and a copy of a run bring nobody new."""
-    policy, info = policy_of_run(load_run(home / "ten", chunk=2), RunDirectory(home / "ten"), "attacker", None)
+    policy, info = policy_of_run(
+        load_run(home / "ten", chunk=2), RunDirectory(home / "ten"), "attacker", None
+    )
     file = tmp_path / "best.safetensors"
     save_policy(file, policy, info)
     shutil.copytree(home / "ten", tmp_path / "copy")
     field = read_field([str(home / "ten"), str(file), str(tmp_path / "copy"), str(home / "ten")])
     assert [len(side) for side in field.seats] == [10, 10]
-    assert field.seats[ATTACKER][1].also == ("copy 2", "best") or field.seats[ATTACKER][1].also == ("best", "copy 2")
+    assert field.seats[ATTACKER][1].also == ("copy 2", "best") or field.seats[ATTACKER][1].also == (
+        "best",
+        "copy 2",
+    )
     assert field.seats[DEFENDER][1].also == ("copy 2",)
     assert (
         "10 attackers were saved more than once (such as attacker ten 1 is also copy 1): flown once each"
@@ -121,9 +142,17 @@ def test_the_same_content_is_flown_once_with_a_notice(home: Path, tmp_path: Path
 def test_scripted_pilots_by_name_and_all():
     field = read_field(["scripted:all", "scripted:dash"])
     assert [seat.entrant.label for seat in field.seats[ATTACKER]] == ["dash", "weave", "high_dive"]
-    assert all(seat.entrant.method == SCRIPTED and seat.entrant.run == "" for side in field.seats for seat in side)
+    assert all(
+        seat.entrant.method == SCRIPTED and seat.entrant.run == ""
+        for side in field.seats
+        for seat in side
+    )
     error = refusal(["scripted:dahs", "scripted:none"])
-    assert error.exit_code == EXIT_CONFIG and len(error.message.splitlines()) == 2 and "high_dive" in error.message
+    assert (
+        error.exit_code == EXIT_CONFIG
+        and len(error.message.splitlines()) == 2
+        and "high_dive" in error.message
+    )
     assert refusal(["scripted:dash"]).message.startswith("no defender takes part")
 
 
@@ -132,14 +161,19 @@ def test_all_bad_checkpoints_are_listed(bad: Path):
     assert error.exit_code == EXIT_DATA
     lines = error.message.splitlines()
     assert len(lines) == 4 and "--skip-bad" in lines[-1]
-    assert sum("damaged" in line for line in lines) == 2 and sum("no checkpoint 14" in line for line in lines) == 1
+    assert (
+        sum("damaged" in line for line in lines) == 2
+        and sum("no checkpoint 14" in line for line in lines) == 1
+    )
 
 
 def test_skipped_ones_keep_their_place_without_a_player(bad: Path):
     field = read_field([str(bad)], skip_bad=True)
     assert len(field.bad) == 3
     for side in field.seats:
-        assert [seat.player is None for seat in side] == [chunk in (3, 7, 10) for chunk in range(1, 11)]
+        assert [seat.player is None for seat in side] == [
+            chunk in (3, 7, 10) for chunk in range(1, 11)
+        ]
         assert side[2].entrant.identity == "missing:ten:3" and side[2].entrant.chunk == 3
 
 
@@ -153,7 +187,9 @@ def test_runs_without_checkpoints_are_listed_too(home: Path, tmp_path: Path):
 
 
 def test_another_game_is_refused_with_what_differs_unless_allowed(home: Path, tmp_path: Path):
-    other = write_run(tmp_path / "far", replace(TOY, game=replace(TOY.game, reach_radius=0.25)), chunks=2, seed=5)
+    other = write_run(
+        tmp_path / "far", replace(TOY, game=replace(TOY.game, reach_radius=0.25)), chunks=2, seed=5
+    )
     error = refusal([home / "ten", other])
     assert error.exit_code == EXIT_DATA and "far 1, far 2 trained in another game" in error.message
     assert "game.reach_radius is 0.25 there, 0.5 here" in error.message
@@ -175,7 +211,9 @@ def test_runs_of_an_edited_scene_do_not_meet_those_of_the_scene_before(home: Pat
     met = environment(TOY) | {"scene.defender.mass": 1.325, "scene.attacker.mass": 1.325}
     other = write_run(tmp_path / "heavy", chunks=2, seed=5, met=met)
     error = refusal([home / "ten", other])
-    assert error.exit_code == EXIT_DATA and "heavy 1, heavy 2 trained in another game" in error.message
+    assert (
+        error.exit_code == EXIT_DATA and "heavy 1, heavy 2 trained in another game" in error.message
+    )
     assert "scene.attacker.mass is 1.325 there, the package's own here" in error.message
     # The game is that of those for whom it can be flown.
     assert refusal([other, home / "ten"]).message == error.message
@@ -196,12 +234,16 @@ def test_a_policy_of_an_own_drone_flies_where_its_mjcf_is_named(tmp_path: Path):
     moved = write(tmp_path, name="moved.xml")
     (tmp_path / "drone.xml").unlink()
     for words in ([file, "scripted:all"], [run]):
-        assert read_field([str(word) for word in words], mjcf=str(moved)).config.sim.mjcf == str(moved)
+        assert read_field([str(word) for word in words], mjcf=str(moved)).config.sim.mjcf == str(
+            moved
+        )
     assert refusal([run]).message.startswith(f"sim.mjcf: {tmp_path / 'drone.xml'}: no such file")
 
 
 def test_in_solo_there_is_no_fight(tmp_path: Path):
-    solo = write_run(tmp_path / "solo", replace(TOY, game=replace(TOY.game, scenario="solo")), chunks=1)
+    solo = write_run(
+        tmp_path / "solo", replace(TOY, game=replace(TOY.game, scenario="solo")), chunks=1
+    )
     assert "nobody defends" in refusal([solo, "scripted:all"]).message
     assert [contender.role for contender in find(str(solo)).contenders] == [ATTACKER]
 

@@ -22,14 +22,26 @@ FIGHTS = 6
 
 def test_recorded_fights_are_those_of_the_grid(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.setattr(tournaments, "Combat", Coasting)
-    monkeypatch.setattr(arena_tournament, "CPU_LAYOUT", Layout(lanes=32, block=8, blocks=8, steps=5))
+    monkeypatch.setattr(
+        arena_tournament, "CPU_LAYOUT", Layout(lanes=32, block=8, blocks=8, steps=5)
+    )
     write_run(tmp_path / "one", chunks=2)
     write_run(tmp_path / "two", chunks=range(1, 2), seed=0)  # as the first chunk of `one`
     words = [str(tmp_path / "one"), str(tmp_path / "two"), "scripted:dash"]
     root = str(tmp_path / "tournaments")
-    assert tournaments.tournament(words, Rules(FIGHTS, seed=3), root=root, name="it", flights=FIGHTS) == 0
-    result, flown = load_result(tmp_path / "tournaments/it"), load_flights(tmp_path / "tournaments/it")
-    assert [(one.run, one.chunk, one.fights) for one in flown] == [("one#4", 1, 6), ("one#4", 2, 6), ("two#4", 1, 6)]
+    assert (
+        tournaments.tournament(words, Rules(FIGHTS, seed=3), root=root, name="it", flights=FIGHTS)
+        == 0
+    )
+    result, flown = (
+        load_result(tmp_path / "tournaments/it"),
+        load_flights(tmp_path / "tournaments/it"),
+    )
+    assert [(one.run, one.chunk, one.fights) for one in flown] == [
+        ("one#4", 1, 6),
+        ("one#4", 2, 6),
+        ("two#4", 1, 6),
+    ]
     assert flown[2][3:] == flown[0][3:]  # the same policies
     sides = by_training(result.defenders)["one#4"], by_training(result.attackers)["one#4"]
     for one, (row, _), (column, _) in zip(flown, *sides, strict=False):

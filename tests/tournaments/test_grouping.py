@@ -12,8 +12,12 @@ from dronecombat_jax.tournaments.grouping import group, other_differences, read_
 def written(tmp_path, name, preset="duel", **overrides):
     path = tmp_path / name
     path.mkdir(parents=True)
-    config = settings.load(preset, {key.replace("__", "."): value for key, value in overrides.items()})
-    (path / "config.toml").write_text(settings.to_toml(replace(config, run=replace(config.run, name=path.name))))
+    config = settings.load(
+        preset, {key.replace("__", "."): value for key, value in overrides.items()}
+    )
+    (path / "config.toml").write_text(
+        settings.to_toml(replace(config, run=replace(config.run, name=path.name)))
+    )
     return path
 
 
@@ -25,10 +29,17 @@ def test_runs_are_grouped_by_method_preset_or_any_setting(tmp_path):
     ]
     configs = read_configs(paths)
     assert group(configs, "method") == {"a": "ippo", "b": "s-ippo", "c": "ippo"}
-    assert group(configs, "preset") == {"a": "duel", "b": "duel, selfplay.probability 0.2", "c": "paper"}
+    assert group(configs, "preset") == {
+        "a": "duel",
+        "b": "duel, selfplay.probability 0.2",
+        "c": "paper",
+    }
     assert group(configs, "run") == {"a": "a", "b": "b", "c": "c"}
     told = group(configs, "selfplay.probability")
-    assert told["b"] == "selfplay.probability = 0.2" and told["a"] == told["c"] == "selfplay.probability = 0.0"
+    assert (
+        told["b"] == "selfplay.probability = 0.2"
+        and told["a"] == told["c"] == "selfplay.probability = 0.0"
+    )
 
 
 def test_other_differences_are_told_but_not_the_seeds(tmp_path):

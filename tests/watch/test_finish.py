@@ -14,7 +14,10 @@ from dronecombat_jax.watch import finish as room
 
 @pytest.mark.parametrize("content", [None, "", "{}\n{\n"], ids=["gone", "empty", "damaged"])
 def test_metrics_that_cannot_be_read_cost_the_curves_alone(
-    content: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    content: str | None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ):
     evaluated = []
     monkeypatch.setattr(room, "evaluate", lambda path, *_, **__: evaluated.append(path))
@@ -82,4 +85,6 @@ def test_a_disk_that_refuses_is_no_missing_record(tmp_path: Path, monkeypatch: p
     (tmp_path / "one" / "metrics.jsonl").touch()
     monkeypatch.setattr(room, "learning_curves", refuse)
     with pytest.raises(UserError, match="cannot write"):
-        room.finish(Config(run=RunConfig(name="one", directory=str(tmp_path), video=False, replay=False)))
+        room.finish(
+            Config(run=RunConfig(name="one", directory=str(tmp_path), video=False, replay=False))
+        )

@@ -63,9 +63,17 @@ def test_words_name_both_sides(words: str, wanted: tuple[str, str], labels: tupl
 def test_a_runs_policy_is_that_of_its_checkpoint(home: Path):
     run = RunDirectory(home / "runs" / "toy")
     flyers = [of_run(run, 1, chunk, -1) for chunk in (0, 2, None)]
-    assert [(flyer.chunk, flyer.steps) for flyer in flyers] == [(0, 0), (2, 192), (3, 288)]  # 48 steps an iteration
-    weights = [np.asarray(flyer.pilot.network.weights[0]) for flyer in flyers if not isinstance(flyer.pilot, str)]
-    assert not np.array_equal(weights[0], weights[1]) and len({flyer.identity for flyer in flyers}) == 3
+    # 48 steps an iteration
+    assert [(flyer.chunk, flyer.steps) for flyer in flyers] == [(0, 0), (2, 192), (3, 288)]
+    weights = [
+        np.asarray(flyer.pilot.network.weights[0])
+        for flyer in flyers
+        if not isinstance(flyer.pilot, str)
+    ]
+    assert (
+        not np.array_equal(weights[0], weights[1])
+        and len({flyer.identity for flyer in flyers}) == 3
+    )
 
 
 @pytest.mark.parametrize(
@@ -77,7 +85,12 @@ def test_a_runs_policy_is_that_of_its_checkpoint(home: Path):
         ("toy scripted:all", ("", ""), EXIT_CONFIG, "name one pilot"),
         ("toy", ("dash", ""), EXIT_CONFIG, "--defender dash: it is a policy of the attacker"),
         ("toy", ("", "defender.safetensors"), EXIT_CONFIG, "it is a policy of the defender"),
-        ("toy", ("hovr", ""), EXIT_CONFIG, r"--defender hovr: no chunk number, no scripted pilot \(hover, "),
+        (
+            "toy",
+            ("hovr", ""),
+            EXIT_CONFIG,
+            r"--defender hovr: no chunk number, no scripted pilot \(hover, ",
+        ),
         ("toy", ("9", ""), EXIT_DATA, "no checkpoint 18"),
         ("attacker.safetensors", ("4", ""), EXIT_CONFIG, "a chunk number needs a RUN"),
         ("tay", ("", ""), EXIT_DATA, "did you mean toy"),
@@ -100,10 +113,14 @@ def test_seeds_of_a_run(tmp_path: Path):
 
 
 def test_policies_of_another_game_fly_only_when_allowed(home: Path, tmp_path: Path):
-    info = make_info(replace(TOY, game=replace(TOY.game, reach_radius=0.25)), role="attacker", layer_sizes=SIZES)
+    info = make_info(
+        replace(TOY, game=replace(TOY.game, reach_radius=0.25)), role="attacker", layer_sizes=SIZES
+    )
     save_policy(tmp_path / "near.safetensors", make_policy(), info)
     words = ("toy", str(tmp_path / "near.safetensors"))
-    with pytest.raises(UserError, match=r"near was trained in another game: game.reach_radius is 0.25 there"):
+    with pytest.raises(
+        UserError, match=r"near was trained in another game: game.reach_radius is 0.25 there"
+    ):
         read_crew(Named(words))
     crew = read_crew(Named(words, allow_mismatch=True))
     assert environment(crew.config) == environment(TOY)
@@ -128,7 +145,9 @@ def test_in_a_solo_run_nobody_can_defend(tmp_path: Path):
 )
 def test_the_chunks_along_a_training(chunks: range, along: list, tmp_path: Path):
     for chunk in chunks:
-        (tmp_path / "run" / "checkpoints" / str(chunk * TOY.train.chunk_iterations)).mkdir(parents=True)
+        (tmp_path / "run" / "checkpoints" / str(chunk * TOY.train.chunk_iterations)).mkdir(
+            parents=True
+        )
     last = chunks[-1] * TOY.train.chunk_iterations
     (tmp_path / "run" / "checkpoints" / str(last)).rmdir()
     write_run(tmp_path / "run", chunks=range(chunks[-1], chunks[-1] + 1))

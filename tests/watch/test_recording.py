@@ -18,7 +18,9 @@ from dronecombat_jax.watch.flyers import Flyer
 from dronecombat_jax.watch.recording import Filming, game_with_starts, recorder
 
 LEARN = LearnConfig(hidden_sizes=(16, 8))
-POLICIES = [Flyer(f"policy {seed}", make_policy(seed=seed), LEARN, f"{seed}" * 64) for seed in range(2)]
+POLICIES = [
+    Flyer(f"policy {seed}", make_policy(seed=seed), LEARN, f"{seed}" * 64) for seed in range(2)
+]
 HOVER = Flyer("hover", "hover", LEARN, "hover")
 
 
@@ -29,7 +31,9 @@ def combat() -> Coasting:
 
 def test_a_fight_is_that_of_a_tournament_however_many_are_recorded(combat: Coasting):
     """By `match.fight` of that fight alone, with the key that gives a tournament's draws."""
-    two, three = (recorder(combat, Filming(count, 7, stochastic=True))(*POLICIES) for count in (2, 3))
+    two, three = (
+        recorder(combat, Filming(count, 7, stochastic=True))(*POLICIES) for count in (2, 3)
+    )
     starts = start_states(combat, 7, 3)
     words = np.concatenate([content_words(flyer.identity) for flyer in POLICIES])
     pilots = [policy_pilot(LEARN, flyer.pilot, role, True) for role, flyer in enumerate(POLICIES)]
@@ -44,7 +48,9 @@ def test_a_fight_is_that_of_a_tournament_however_many_are_recorded(combat: Coast
 
 
 def test_drawn_actions_are_others_than_the_mean(combat: Coasting):
-    mean, drawn = (recorder(combat, Filming(1, 0, stochastic))(*POLICIES)[0] for stochastic in (False, True))
+    mean, drawn = (
+        recorder(combat, Filming(1, 0, stochastic))(*POLICIES)[0] for stochastic in (False, True)
+    )
     assert np.abs(mean.action[0] - drawn.action[0]).max() > 0.01
 
 
@@ -64,4 +70,6 @@ def test_a_scripted_pilot_flies_beside_a_policy(combat: Coasting):
 @pytest.mark.parametrize("spawn", ["", "fixed", "uniform"])
 def test_other_starts(spawn: str):
     game = game_with_starts(TOY, spawn).game
-    assert (game.spawn, game.spawn_spread) == ((spawn, 0.0) if spawn else (TOY.game.spawn, TOY.game.spawn_spread))
+    assert (game.spawn, game.spawn_spread) == (
+        (spawn, 0.0) if spawn else (TOY.game.spawn, TOY.game.spawn_spread)
+    )

@@ -27,7 +27,9 @@ def toy_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def data_in(path: Path) -> dict:
-    (call,) = re.findall(r'^dronecombatReplay\("replay", (.*), \{"embedded"', path.read_text(), re.MULTILINE)
+    (call,) = re.findall(
+        r'^dronecombatReplay\("replay", (.*), \{"embedded"', path.read_text(), re.MULTILINE
+    )
     return json.loads(call)
 
 
@@ -35,8 +37,13 @@ def test_the_last_runs_fights_on_one_page(toy_run: Path, capsys: pytest.CaptureF
     assert room.replay(Named(), Filming(3, seed=5), out=None) == 0
     page = data_in(toy_run / "replay.html")
     assert [fight["name"] for fight in page["fights"]] == ["Fight 1", "Fight 2", "Fight 3"]
-    assert {(fight["defender"], fight["attacker"]) for fight in page["fights"]} == {("toy chunk 2", "toy chunk 2")}
-    assert page["title"] == "toy chunk 2, both sides" and page["about"] == "3 fights, starts of seed 5, mean actions"
+    assert {(fight["defender"], fight["attacker"]) for fight in page["fights"]} == {
+        ("toy chunk 2", "toy chunk 2")
+    }
+    assert (
+        page["title"] == "toy chunk 2, both sides"
+        and page["about"] == "3 fights, starts of seed 5, mean actions"
+    )
     assert len({tuple(fight["target"]) for fight in page["fights"]}) == 3  # three starts
     assert "runs/toy/replay.html" in capsys.readouterr().out
 
@@ -45,7 +52,11 @@ def test_an_evolution_is_one_start_flown_by_all_chunks(toy_run: Path):
     assert room.replay(Named(("toy",)), Filming(4), out=None, evolution=True) == 0
     fights = data_in(toy_run / "evolution.html")["fights"]
     assert [fight["name"] for fight in fights] == ["0 %", "50 %", "100 %"]
-    assert [fight["note"] for fight in fights] == ["chunk 0, untrained", "chunk 1, 0 k steps", "chunk 2, 0 k steps"]
+    assert [fight["note"] for fight in fights] == [
+        "chunk 0, untrained",
+        "chunk 1, 0 k steps",
+        "chunk 2, 0 k steps",
+    ]
     assert len({tuple(fight["target"]) for fight in fights}) == 1
     assert len({fight["states"] for fight in fights}) == 3
 
@@ -60,7 +71,12 @@ def test_one_side_of_an_evolution_may_stay(toy_run: Path):
 @pytest.mark.parametrize(
     ("named", "out", "evolution", "message"),
     [
-        (Named(("toy",)), "fight.avi", False, "fight.avi: a replay ends in .html, .mp4, .gif, .webp"),
+        (
+            Named(("toy",)),
+            "fight.avi",
+            False,
+            "fight.avi: a replay ends in .html, .mp4, .gif, .webp",
+        ),
         (Named((), ("hover", "dash")), None, True, "an evolution needs a RUN"),
         (Named(("toy",), ("1", "2")), None, True, "an evolution of what"),
         (Named(("toy",)), "fight.gif", True, "an evolution is a page"),
@@ -72,7 +88,9 @@ def test_mistakes(named: Named, out: str | None, evolution: bool, message: str):
     assert raised.value.exit_code == EXIT_CONFIG
 
 
-def test_a_film_is_of_the_pages_first_fight(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_a_film_is_of_the_pages_first_fight(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
     filmed = []
 
     def render(fight, scene, picture, film, **radii) -> None:
@@ -84,8 +102,15 @@ def test_a_film_is_of_the_pages_first_fight(monkeypatch: pytest.MonkeyPatch, cap
     ((fight, picture, film, radii),) = filmed
     room.replay(Named(("toy",)), Filming(3), out=Path("page.html"))
     first = data_in(Path("page.html"))["fights"][0]
-    assert (picture, film, radii) == (None, Path("fight.gif"), {"intercept_radius": 0.5, "reach_radius": 0.5})
-    assert fight.target.tolist() == pytest.approx(first["target"]) and fight.time[-1] == first["result"]["time"]
+    assert (picture, film, radii) == (
+        None,
+        Path("fight.gif"),
+        {"intercept_radius": 0.5, "reach_radius": 0.5},
+    )
+    assert (
+        fight.target.tolist() == pytest.approx(first["target"])
+        and fight.time[-1] == first["result"]["time"]
+    )
 
 
 def test_show_is_for_notebooks():
@@ -95,7 +120,9 @@ def test_show_is_for_notebooks():
 
 
 @pytest.mark.parametrize(("display", "opened"), [("", 0), (":0", 1)])
-def test_a_browser_is_opened_only_where_there_is_a_display(display: str, opened: int, monkeypatch, toy_run: Path):
+def test_a_browser_is_opened_only_where_there_is_a_display(
+    display: str, opened: int, monkeypatch, toy_run: Path
+):
     addresses = []
 
     def open_it(address: str) -> bool:
@@ -110,9 +137,13 @@ def test_a_browser_is_opened_only_where_there_is_a_display(display: str, opened:
     assert addresses == [(toy_run / "replay.html").as_uri()] * opened
 
 
-def test_a_finished_training_names_its_replay(toy_run: Path, monkeypatch, capsys: pytest.CaptureFixture[str]):
+def test_a_finished_training_names_its_replay(
+    toy_run: Path, monkeypatch, capsys: pytest.CaptureFixture[str]
+):
     monkeypatch.setattr(finish, "evaluate", lambda *_, **__: None)
     monkeypatch.setattr(room, "Filming", lambda: Filming(1))
     run = RunConfig(name="toy", directory=str(toy_run.parent), video=False, figures=False)
     finish.finish(replace(TOY, run=run))
-    assert (toy_run / "replay.html").is_file() and f"replay: {toy_run / 'replay.html'}" in capsys.readouterr().out
+    assert (
+        toy_run / "replay.html"
+    ).is_file() and f"replay: {toy_run / 'replay.html'}" in capsys.readouterr().out

@@ -1,0 +1,180 @@
+"""The program around the commands: usage, help, errors, and how it starts."""
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from dronecombat_jax import arena, machine, report, runs, tournaments
+from dronecombat_jax import cli as commands_room
+from dronecombat_jax.cli import commands as cli
+from dronecombat_jax.config import flags, settings
+from dronecombat_jax.config.setting import setting
+from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED, UserError
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(autouse=True)
+def rooms(monkeypatch, tmp_path):
+    """Stand-ins for the rooms that import JAX; `calls` lists what the commands asked of them."""
+    calls: list[tuple] = []
+
+    def stand_in(package: ModuleType, name: str, **functions) -> None:
+        module = SimpleNamespace(**functions)
+        monkeypatch.setitem(sys.modules, f"{package.__name__}.{name}", module)
+        monkeypatch.setattr(package, name, module, raising=False)
+
+    def record(name: str, code: int = 0):
+        def call(*args, **kwargs) -> int:
+            calls.append((name, *args, kwargs) if kwargs else (name, *args))
+            return code
+
+        return call
+
+    stand_in(machine, "backend", prepare=record("prepare"), cores=lambda: 2)
+    stand_in(commands_room, "doctor", doctor=record("doctor", 2), doctor_mjcf=record("doctor_mjcf"))
+    stand_in(runs, "training", train=record("train", EXIT_STOPPED))
+    match = lambda *asked: ("match", *asked)
+    stand_in(runs, "evaluation", evaluate=record("evaluate"), Match=match)
+    monkeypatch.chdir(tmp_path)
+    return SimpleNamespace(calls=calls, stand_in=stand_in)
+
+
+def refused(capsys, *args: str, code: int = EXIT_CONFIG) -> list[str]:
+    """The lines on stderr of a command that is refused; each is an error, and stdout stays empty."""
+    assert cli.main(args) == code
+    out, err = capsys.readouterr()
+    lines = err.splitlines()
+    assert out == "" and lines and all(line.startswith("error: ") for line in lines)
+    return [line.removeprefix("error: ") for line in lines]
+
+
+@pytest.mark.parametrize("args", [["--help"], ["-h"], ["help"]])
+def test_help_lists_every_command(capsys, args):
+    assert cli.main(args) == 0
+    out = capsys.readouterr().out
+    for name, command in cli.COMMANDS.items():
+        assert f"  {name} " in out and (command.__doc__ or "?") in out
+
+
+def test_without_a_command_the_usage_is_shown(capsys):
+    assert cli.main([]) == EXIT_CONFIG
+    assert "usage: dronecombat COMMAND" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("word", "hint"), [("trian", "did you mean train?"), ("zzz", "commands: train, evaluate, "), ("--seed", "commands")]
+)  # fmt: skip
+def test_an_unknown_command(capsys, word, hint):
+    (line,) = refused(capsys, word)
+    assert line.startswith(f"{word}: unknown command; ") and hint in line
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_every_command_has_help(capsys, command):
+    assert cli.main([command, "--help"]) == 0
+    assert f"usage: dronecombat {command}" in capsys.readouterr().out
+
+
+def test_help_of_train_has_every_setting_with_its_words(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    assert cli.main(["train", "--help"]) == 0
+    out = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    for key, entry in settings.SCHEMA.items():
+        assert settings.flag(key) in out and entry.explained in out
+    assert "physics step [s, from 0.0001 to 0.05] (default: 0.01)" in out
+
+
+def test_a_command_is_one_function_and_one_line(monkeypatch, capsys):
+    @dataclass(frozen=True)
+    class GreetFlags:
+        """Say hello."""
+
+        times: int = setting(1, "how often", low=1, high=3)
+
+    def greet(args) -> int:
+        """say hello"""
+        print("hello " * flags.read(GreetFlags, args, "dronecombat greet").times)
+        return 0
+
+    monkeypatch.setitem(cli.COMMANDS, "greet", greet)
+    assert cli.main(["greet", "--times", "2"]) == 0
+    assert capsys.readouterr().out == "hello hello \n"
+    assert refused(capsys, "greet", "--times", "4") == ["--times 4: must be an integer from 1 to 3"]
+
+
+def test_errors_from_inside_a_command_keep_their_code(rooms, capsys):
+    def broken(config):
+        raise UserError("runs/mine: cannot be written", 73)
+
+    rooms.stand_in(runs, "training", train=broken)
+    assert cli.main(["train"]) == 73
+    assert capsys.readouterr().err == "error: runs/mine: cannot be written\n"
+
+
+def test_an_interrupt_is_no_traceback(rooms, capsys):
+    def interrupted(config):
+        raise KeyboardInterrupt
+
+    rooms.stand_in(runs, "training", train=interrupted)
+    assert cli.main(["train"]) == 130
+    assert capsys.readouterr().err == "stopped\n"
+
+
+def program(*args: str, **kwargs) -> subprocess.CompletedProcess:
+    """Run Python with the checkout importable."""
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    return subprocess.run(
+        [sys.executable, *args], env=environment, capture_output=True, text=True, **kwargs
+    )
+
+
+@pytest.mark.parametrize(
+    "args", [["--help"], ["train", "--help"], ["evaluate", "--help"], ["train", "--seed", "x"], ["train", "--print-config"]]
+)  # fmt: skip
+def test_help_and_bad_input_import_neither_jax_nor_mujoco(args):
+    code = (
+        "import sys; from dronecombat_jax.cli.commands import main; main(sys.argv[1:]);"
+        "sys.stderr.write(f\"heavy: {sorted({'jax', 'mujoco', 'flax', 'numpy', 'matplotlib'} & sys.modules.keys())}\")"
+    )
+    assert program("-c", code, *args).stderr.endswith("heavy: []")
+
+
+@pytest.mark.parametrize("module", ["dronecombat_jax", "dronecombat_jax.cli.commands"])
+def test_runs_as_a_module(module):
+    result = program("-m", module, "train", "--seed", "x")
+    assert (result.returncode, result.stdout) == (EXIT_CONFIG, "")
+    assert result.stderr == "error: --train.seed x: must be an integer from 0 to 2147483647\n"
+
+
+def test_a_reader_that_leaves_is_no_traceback():
+    reading, writing = os.pipe()
+    os.close(reading)
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    command = [sys.executable, "-m", "dronecombat_jax", "train", "--print-config"]
+    result = subprocess.run(
+        command, env=environment, stdout=writing, stderr=subprocess.PIPE, text=True
+    )
+    os.close(writing)
+    assert "Traceback" not in result.stderr and "Exception" not in result.stderr
+
+
+def test_report_and_compare_hand_over_their_words(rooms, capsys):
+    calls = rooms.calls
+    say = lambda name: lambda *args, **kwargs: calls.append((name, args, kwargs)) or 0
+    rooms.stand_in(report, "tournament_report", report=say("report"))
+    rooms.stand_in(tournaments, "comparison", compare=say("compare"))
+    rooms.stand_in(arena, "rectangle", Rules=lambda *rules: rules)
+    assert cli.main(["report", "joint", "--out", "there"]) == 0
+    assert cli.main(["compare", "a", "b", "--by", "preset", "c", "--episodes", "7"]) == 0
+    assert [call[0] for call in calls] == ["prepare", "report", "prepare", "compare"]
+    assert calls[1][1] == ("joint", Path("there"))
+    _, (words, rules), options = calls[3]
+    assert words == ["a", "b", "c"] and rules == (7, 0, False)
+    assert (options["by"], options["every"], options["name"]) == ("preset", 10, "")
+    assert refused(capsys, "compare", "a", "--bye", "x")[0].startswith("--bye: unknown flag")

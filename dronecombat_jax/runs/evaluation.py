@@ -1,13 +1,13 @@
 """`dronecombat evaluate`: the two policies of a run fight, and the outcomes are counted."""
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from scipy import stats
 
 from dronecombat_jax.arena.match import fight, policy_pilot, start_fights
 from dronecombat_jax.combat.env import Combat
@@ -112,7 +112,7 @@ def summary(config: Config, result: FightResult) -> dict[str, Any]:
     table = np.asarray(outcome_table(config.game))
     winners = table[result.cause]
     seconds = result.steps * config.control_dt
-    share = lambda hits: _wilson(int(np.sum(hits)), fights)
+    share = lambda hits: _share(int(np.sum(hits)), fights)
     return {
         "fights": fights,
         "win": {outcome.name.lower(): share(winners == outcome) for outcome in Outcome},
@@ -211,13 +211,7 @@ def report_text(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _wilson(hits: int, total: int) -> tuple[float, float, float]:
-    """Share and its 95 % score interval (Wilson 1927)."""
-    z, share = 1.959964, hits / total
-    centre = (share + z * z / (2 * total)) / (1 + z * z / total)
-    half = (
-        z
-        / (1 + z * z / total)
-        * math.sqrt(share * (1 - share) / total + z * z / (4 * total * total))
-    )
-    return share, max(0.0, centre - half), min(1.0, centre + half)
+def _share(hits: int, total: int) -> tuple[float, float, float]:
+    """The share and its 95 % score interval (Wilson 1927)."""
+    interval = stats.binomtest(hits, total).proportion_ci(0.95, method="wilson")
+    return hits / total, float(interval.low), float(interval.high)

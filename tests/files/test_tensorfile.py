@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from safetensors import safe_open
+from safetensors.numpy import save_file
 
 from dronecombat_jax.errors import EXIT_DATA
 from dronecombat_jax.files import tensorfile
@@ -48,23 +50,23 @@ HOSTILE = {
     "seven bytes": (bytes(7), "7 bytes"),
     "header longer than the file": (
         raw({}, length=500),
-        "announces a header of 500 bytes, 2 follow",
+        "invalid header length",
     ),
-    "header bomb": (raw({}, bytes(1_100_000), length=2**60), "at most 1,000,000 are read"),
-    "header over the cap": (raw(" " * 1_000_001), "at most 1,000,000 are read"),
+    "header bomb": (raw({}, bytes(1_100_000), length=2**60), "longer than 1,000,000 bytes"),
+    "header over the cap": (raw(" " * 1_000_001), "longer than 1,000,000 bytes"),
     "no JSON": (raw("{"), "damaged or no safetensors file"),
     "no UTF-8": (raw(b'{"\xff": 1}'), "damaged or no safetensors file"),
-    "a list": (raw("[]"), "no JSON object"),
-    "nested deeply": (raw(nested(200_000)), "nested too deeply"),
+    "a list": (raw("[]"), "invalid type: sequence"),
+    "nested deeply": (raw(nested(200_000)), "recursion limit"),
     "shape of 1e12": (
         raw({"a": entry((10**6, 10**6), (0, 4 * 10**12))}, EIGHT),
-        "does not fit into 8 bytes",
+        "not fully covered",
     ),
-    "shape of 2**64": (raw({"a": entry((2**32, 2**32), (0, 0))}), "does not fit into 0 bytes"),
-    "negative shape": (raw({"a": entry((-1, -2))}, EIGHT), "does not fit"),
-    "true as a shape": (raw({"a": entry((True, 2))}, EIGHT), "does not fit"),
-    "float as a shape": (raw({"a": entry((2.0,))}, EIGHT), "does not fit"),
-    "9 dimensions": (raw({"a": entry((1,) * 9, (0, 4))}, bytes(4)), "does not fit"),
+    "shape of 2**64": (raw({"a": entry((2**32, 2**32), (0, 0))}), "overflow"),
+    "negative shape": (raw({"a": entry((-1, -2))}, EIGHT), "invalid JSON"),
+    "true as a shape": (raw({"a": entry((True, 2))}, EIGHT), "invalid JSON"),
+    "float as a shape": (raw({"a": entry((2.0,))}, EIGHT), "invalid JSON"),
+    "9 dimensions": (raw({"a": entry((1,) * 9, (0, 4))}, bytes(4)), "at most 8 dimensions"),
     "10000 digits": (
         raw('{"a":{"dtype":"F32","shape":[' + "9" * 10_000 + '],"data_offsets":[0,8]}}', EIGHT),
         "damaged",
@@ -75,34 +77,29 @@ HOSTILE = {
     ),
     "offsets do not fit the shape": (
         raw({"a": entry(offsets=(0, 4))}, EIGHT),
-        "not those of float32[2]",
+        "invalid shape",
     ),
-    "offsets backwards": (raw({"a": entry(offsets=(8, 0))}, EIGHT), "not those of"),
-    "offsets past the end": (raw({"a": entry(offsets=(4, 12))}, EIGHT), "not those of"),
+    "offsets backwards": (raw({"a": entry(offsets=(8, 0))}, EIGHT), "invalid offset"),
+    "offsets past the end": (raw({"a": entry(offsets=(4, 12))}, EIGHT), "invalid offset"),
     "overlap": (
         raw({"a": entry(), "b": entry(offsets=(4, 12))}, bytes(12)),
-        "overlap or leave a gap",
+        "invalid offset",
     ),
-    "the same bytes twice": (raw({"a": entry(), "b": entry()}, EIGHT), "overlap or leave a gap"),
-    "gap": (raw({"a": entry(offsets=(4, 12))}, bytes(12)), "overlap or leave a gap"),
-    "bytes left over": (raw({"a": entry()}, bytes(9)), "take 8 bytes and 9 are there"),
-    "duplicate name": (
-        raw(f'{{"a": {json.dumps(entry())}, "a": {json.dumps(entry())}}}', EIGHT),
-        '"a" stands twice',
-    ),
-    "duplicate metadata": (raw('{"__metadata__": {"x": "1", "x": "2"}}'), '"x" stands twice'),
-    "metadata that is no text": (raw({"__metadata__": {"x": 1}}), "not text by name"),
-    "metadata that is a list": (raw({"__metadata__": ["x"]}), "not text by name"),
+    "the same bytes twice": (raw({"a": entry(), "b": entry()}, EIGHT), "invalid offset"),
+    "gap": (raw({"a": entry(offsets=(4, 12))}, bytes(12)), "invalid offset"),
+    "bytes left over": (raw({"a": entry()}, bytes(9)), "not fully covered"),
+    "metadata that is no text": (raw({"__metadata__": {"x": 1}}), "invalid type"),
+    "metadata that is a list": (raw({"__metadata__": ["x"]}), "invalid type"),
     "float64": (
         raw({"a": entry((1,), dtype="F64")}, EIGHT),
         "array a: expected dtype F32, got F64",
     ),
-    "dtype on two lines": (raw({"a": entry(dtype="F\n32")}, EIGHT), "expected dtype F32, got F?32"),
+    "dtype on two lines": (raw({"a": entry(dtype="F\n32")}, EIGHT), "unknown variant"),
     "no offsets": (
         raw({"a": {"dtype": "F32", "shape": [2]}}, EIGHT),
-        "needs dtype, shape and data_offsets",
+        "invalid JSON",
     ),
-    "a number for an array": (raw({"a": 1}), "needs dtype, shape and data_offsets"),
+    "a number for an array": (raw({"a": 1}), "invalid JSON"),
     "name that is a path": (raw({"../../x": entry()}, EIGHT), "is not allowed"),
     "hidden name": (raw({".x": entry()}, EIGHT), "is not allowed"),
     "name with a line break": (raw({"a\nerror: b": entry()}, EIGHT), "is not allowed"),
@@ -119,12 +116,9 @@ HOSTILE = {
 }
 
 
-def test_the_reference_implementation_reads_what_we_write(tmp_path):
-    reference = pytest.importorskip(
-        "safetensors", reason="safetensors is not installed (extra: test)"
-    )
+def test_the_library_reads_what_we_write(tmp_path):
     (tmp_path / "x").write_bytes(tensorfile.encode(ARRAYS, METADATA))
-    with reference.safe_open(tmp_path / "x", framework="numpy") as file:
+    with safe_open(tmp_path / "x", framework="numpy") as file:
         assert file.metadata() == METADATA
         assert set(file.keys()) == set(ARRAYS)
         for name, array in ARRAYS.items():
@@ -135,10 +129,7 @@ def test_the_reference_implementation_reads_what_we_write(tmp_path):
             )
 
 
-def test_we_read_what_the_reference_implementation_writes(tmp_path):
-    pytest.importorskip("safetensors", reason="safetensors is not installed (extra: test)")
-    from safetensors.numpy import save_file
-
+def test_we_read_what_the_library_writes(tmp_path):
     save_file(ARRAYS, tmp_path / "x", METADATA)
     arrays, metadata = tensorfile.read(tmp_path / "x")
     assert metadata == METADATA and set(arrays) == set(ARRAYS)

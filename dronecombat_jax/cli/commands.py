@@ -77,7 +77,7 @@ def _run(args: list[str]) -> int:
         raise UserError(f"{one_line(name)}: unknown command; {hint}")
     try:
         return COMMANDS[name](args[1:])
-    except SystemExit as stop:  # tyro, after --help
+    except SystemExit as stop:  # argparse, after --help
         if stop.code:
             raise
         return 0

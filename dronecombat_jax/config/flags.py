@@ -1,22 +1,22 @@
-"""Command-line flags made from a dataclass of settings: tyro splits and explains, `schema` checks.
+"""Command-line flags made from a dataclass of settings: argparse splits and explains, `schema`
+checks.
 
 Every flag reaches the same check as the same key in a file, so that both give the same message.
-What does not live here: the commands (`cli`). Nothing imports JAX; tyro is imported when flags are
-read.
+What does not live here: the commands (`cli`). Nothing imports JAX.
 """
 
-import contextlib
-import dataclasses
-import io
+import argparse
+import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, get_type_hints
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from dronecombat_jax.config.schema import Setting, one_line, settings_of, shown, written
 from dronecombat_jax.config.settings import Given, check, flag, suggestion
 from dronecombat_jax.errors import UserError
 
-_METAVARS = {"int": "INT", "float": "NUMBER", "str": "TEXT", "ints": "INT [INT ...]"}
+_METAVARS = {"int": "INT", "float": "NUMBER", "str": "TEXT", "ints": "INT"}
+_NEGATIVE = re.compile(r"-\.?\d")  # argparse takes -1e-3 for a flag
 
 
 def parse(
@@ -33,109 +33,111 @@ def parse(
     `aliases`: short flag by key. `positional`: the key given without a flag. Prints and leaves with
     SystemExit(0) for `--help`; UserError for a flag without its value.
     """
-    import tyro  # 0.1 s that `dronecombat --help` need not pay
-
-    schema = settings_of(cls)
-    make = _maker(schema, dict(aliases or {}), positional)
-    errors = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(errors):
-            parsed, unknown = tyro.cli(
-                _mirror(cls, make),
-                prog=prog,
-                description=cls.__doc__,
-                args=list(args),
-                return_unknown_args=True,
-            )
-    except SystemExit as stop:
-        if stop.code:
-            raise UserError(_one_line(errors.getvalue())) from None
-        raise
-    words = {key: word for key, word in _leaves(parsed).items() if word is not None}
-    values = {
-        key: schema[key].from_text(word)
-        for key, word in words.items()
-        if schema[key].kind != "bool"
-    }
-    values |= _switches(schema, words, args)
+    schema, aliases = settings_of(cls), dict(aliases or {})
+    parser = _parser(cls, schema, prog, aliases, positional)
+    given, rest = parser.parse_known_args(_words(args))
+    words = dict(vars(given))
+    bare = [word for word in rest if not word.startswith("-")]
+    if positional and bare:
+        words[positional] = bare[0]
+        rest.remove(bare[0])
+    values = {key: _value(entry, words[key]) for key, entry in schema.items() if key in words}
     schema.pop(positional, None)
-    return values, _unknown_flags(unknown, list(args), schema, aliases or {})
+    return values, list(_unknown(rest, list(args), schema, aliases))
 
 
 def read(cls: type, args: Sequence[str], prog: str, *, positional: str = "") -> Any:
     """An instance of the flat dataclass `cls` from flags alone; UserError names every mistake."""
     values, errors = parse(cls, args, prog, positional=positional)
     schema = settings_of(cls)
-    given = {
-        key: Given(value, key.upper() if key == positional else flag(key))
-        for key, value in values.items()
-    }
+    name = lambda key: key.upper() if key == positional else flag(key)
+    given = {key: Given(value, name(key)) for key, value in values.items()}
     errors += check(given, schema)
     if errors:
         raise UserError("\n".join(errors))
     return cls(**{key: schema[key].normal(value) for key, value in values.items()})
 
 
-def _maker(
-    schema: dict[str, Setting], aliases: dict[str, str], positional: str
-) -> Callable[[str], tuple[Any, Any]]:
-    """A function from a dotted key to the type and default that tyro shall see for it."""
-    import tyro
-
-    def make(key: str) -> tuple[Any, Any]:
-        entry = schema[key]
-        if key == positional:
-            about = tyro.conf.arg(metavar=key.upper(), help=entry.doc, help_behavior_hint="")
-            return Annotated[tyro.conf.Positional[str | None], about], None
-        about = tyro.conf.arg(
-            metavar=None
-            if entry.kind == "bool"
-            else _METAVARS.get(entry.kind) or "{" + ",".join(entry.choices) + "}",
-            help=entry.explained,
-            help_behavior_hint="" if entry.default == "" else f"(default: {_plain(entry.default)})",
-            aliases=(aliases[key],) if key in aliases else None,
-        )
-        if entry.kind == "bool":
-            return Annotated[bool, about], entry.default
-        words = tuple[str, ...] if entry.kind == "ints" else str
-        return Annotated[words | None, about], None
-
-    return make
+def _value(entry: Setting, given: Any) -> Any:
+    """What argparse left: a switch, a word, or the words of a list."""
+    if isinstance(given, bool):
+        return given
+    return entry.from_text(tuple(given) if isinstance(given, list) else given)
 
 
-def _mirror(cls: type, make: Callable[[str], tuple[Any, Any]], prefix: str = "") -> Any:
-    """A dataclass shaped like `cls` whose fields are the words of the command line, None where not
-    given.
-    """
-    hints, fields = get_type_hints(cls), []
-    for item in dataclasses.fields(cls):
-        hint = hints[item.name]
-        if dataclasses.is_dataclass(hint):
-            inner = _mirror(hint, make, prefix + item.name + ".")  # pyright: ignore[reportArgumentType]
-            fields.append((item.name, inner, dataclasses.field(default_factory=inner)))
+class _Parser(argparse.ArgumentParser):
+    """One line instead of the usage and an exit."""
+
+    def error(self, message: str) -> Any:
+        name, _, fault = message.removeprefix("argument ").partition(": ")
+        names = name.split("/")
+        if fault.startswith("expected"):
+            raise UserError(f"{names[0]}: the value is missing")
+        if fault.startswith("ignored explicit argument"):
+            raise UserError(_no_value(fault.partition("'")[2].rstrip("'"), *names))
+        raise UserError(one_line(message))
+
+
+class _Switch(argparse.Action):
+    """An on-off setting: the first of its two flags switches it on, the second off."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
+        setattr(namespace, self.dest, option_string == self.option_strings[0])
+
+
+def _parser(
+    cls: type, schema: dict[str, Setting], prog: str, aliases: dict[str, str], positional: str
+) -> _Parser:
+    """Flags in groups as the sections of `cls`; what is not given leaves no trace."""
+    place = f" {positional.upper()}" if positional else ""
+    about = inspect.cleandoc(cls.__doc__ or "")
+    if positional:
+        about += f"\n\n{positional.upper()}: {schema[positional].doc}"
+    parser = _Parser(
+        prog=prog,
+        usage=f"{prog}{place} [flags]",
+        description=about,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        argument_default=argparse.SUPPRESS,
+        allow_abbrev=False,
+    )
+    groups: dict[str, Any] = {"": parser}
+    for key, entry in schema.items():
+        section = key.rpartition(".")[0]
+        if section not in groups:
+            groups[section] = parser.add_argument_group(section)
+        if key != positional:
+            _add(groups[section], key, entry, aliases.get(key))
+    return parser
+
+
+def _add(group: Any, key: str, entry: Setting, alias: str | None) -> None:
+    default = "" if entry.default == "" else f" (default: {_plain(entry.default)})"
+    about = (entry.explained + default).replace("%", "%%")
+    if entry.kind == "bool":
+        group.add_argument(flag(key), _negated(key), dest=key, action=_Switch, nargs=0, help=about)
+        return
+    metavar = _METAVARS.get(entry.kind) or "{" + ",".join(entry.choices) + "}"
+    names = [flag(key), *([alias] if alias else [])]
+    several = "*" if entry.kind == "ints" else None
+    group.add_argument(*names, dest=key, metavar=metavar, nargs=several, help=about)
+
+
+def _words(args: Sequence[str]) -> list[str]:
+    """The words as argparse takes them: dashes in names, negative numbers joined to their flag."""
+    words: list[str] = []
+    for word in args:
+        if words and _NEGATIVE.match(word) and words[-1].startswith("--") and "=" not in words[-1]:
+            words[-1] += "=" + word
         else:
-            fields.append((item.name, *make(prefix + item.name)))
-    return dataclasses.make_dataclass(cls.__name__, fields, namespace={"__doc__": cls.__doc__})
+            words.append(_dashed(word))
+    return words
 
 
-def _leaves(parsed: Any, prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for item in dataclasses.fields(parsed):
-        value, key = getattr(parsed, item.name), prefix + item.name
-        found |= _leaves(value, key + ".") if dataclasses.is_dataclass(value) else {key: value}
-    return found
-
-
-def _switches(
-    schema: dict[str, Setting], words: dict[str, Any], args: Sequence[str]
-) -> dict[str, bool]:
-    """The on-off flags that were given; tyro does not tell a given one from its default."""
-    present = {word.replace("_", "-") for word in args}
-    return {
-        key: words[key]
-        for key, entry in schema.items()
-        if entry.kind == "bool" and present & {flag(key), _negated(key)}
-    }
+def _dashed(word: str) -> str:
+    """`--skip_bad=x` as `--skip-bad=x`."""
+    name, equals, value = word.partition("=")
+    return name.replace("_", "-") + equals + value if word.startswith("--") else word
 
 
 def _negated(key: str) -> str:
@@ -144,35 +146,31 @@ def _negated(key: str) -> str:
     return flag(".".join([*sections, "no-" + leaf]))
 
 
-def _unknown_flags(
-    unknown: list[str], args: list[str], schema: dict[str, Setting], aliases: Mapping[str, str]
-) -> list[str]:
+def _unknown(
+    rest: list[str], args: list[str], schema: dict[str, Setting], aliases: Mapping[str, str]
+) -> Iterator[str]:
     """One line for every flag that does not exist and every word that belongs to no flag."""
     switches = {
         name: key
-        for key in schema
-        if schema[key].kind == "bool"
+        for key, entry in schema.items()
+        if entry.kind == "bool"
         for name in (flag(key), _negated(key))
     }
-    errors, after_unknown = [], False
-    for word in unknown:
-        before = args[args.index(word) - 1].replace("_", "-") if word in args[1:] else ""
-        joined = next(
-            (arg.partition("=")[0] for arg in args if arg.endswith("=" + word)), ""
-        ).replace("_", "-")
+    after_unknown = False
+    for word in rest:
+        before = _dashed(args[args.index(word) - 1]) if word in args[1:] else ""
         if word.startswith("-") and not word[1:2].isdigit():
             name = word.partition("=")[0]
-            errors.append(
-                f"{one_line(name)}: unknown flag; {_flag_meant(name, list(schema), aliases)}"
-            )
+            yield f"{one_line(name)}: unknown flag; {_flag_meant(name, list(schema), aliases)}"
             after_unknown = True
-        elif switch := switches.get(before) or switches.get(joined):
-            errors.append(
-                f"{shown(word)}: an on-off flag takes no value; write {flag(switch)} or {_negated(switch)}"
-            )
+        elif switch := switches.get(before):
+            yield _no_value(word, flag(switch), _negated(switch))
         elif not after_unknown:
-            errors.append(f"{shown(word)}: belongs to no flag")
-    return errors
+            yield f"{shown(word)}: belongs to no flag"
+
+
+def _no_value(word: str, on: str, off: str) -> str:
+    return f"{shown(word)}: an on-off flag takes no value; write {on} or {off}"
 
 
 def _flag_meant(name: str, known: list[str], aliases: Mapping[str, str]) -> str:
@@ -181,16 +179,6 @@ def _flag_meant(name: str, known: list[str], aliases: Mapping[str, str]) -> str:
     if meant.startswith("did you mean "):
         return "did you mean " + flag(meant.removeprefix("did you mean ").removesuffix("?")) + "?"
     return "--help lists them all"
-
-
-def _one_line(box: str) -> str:
-    """The sentence inside the frame that tyro draws around an error."""
-    if missing := re.search(r"Missing value for argument '(?:[^']*/)?([^'/]+)'", box):
-        return f"{missing[1]}: the value is missing"
-    rows = [row.strip(" │\n") for row in box.splitlines()]
-    inside = [row for row in rows if row and not row.startswith("╭")]
-    end = next((i for i, row in enumerate(inside) if row.startswith(("─", "╰"))), len(inside))
-    return " ".join(inside[:end]) or "the command line cannot be read; see --help"
 
 
 def _plain(value: Any) -> str:

@@ -194,7 +194,7 @@ def test_a_written_configuration_explains_every_setting():
 def test_settings_import_neither_jax_nor_mujoco():
     program = (
         "import sys; from dronecombat_jax.config import settings; settings.load('smoke');"
-        "print(sorted({'jax', 'mujoco', 'numpy', 'tyro'} & sys.modules.keys()))"
+        "print(sorted({'jax', 'mujoco', 'numpy'} & sys.modules.keys()))"
     )
     result = subprocess.run(
         [sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=True

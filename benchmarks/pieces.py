@@ -21,6 +21,7 @@ from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
     NUM_AGENTS,
+    NUM_SIDES,
     OBSERVATION_SIZE,
     Learner,
 )
@@ -69,7 +70,7 @@ def learning(combat: Combat) -> Piece:
 
     def learn(learners: Learner, rollout: Any, seed: jax.Array) -> Any:
         return learn_from(
-            combat.config.learn, learners, rollout, jax.random.key(seed), jnp.ones(NUM_AGENTS, bool)
+            combat.config.learn, learners, rollout, jax.random.key(seed), jnp.ones(NUM_SIDES, bool)
         )
 
     return learn, (learners, rollout, jnp.zeros((), jnp.uint32))
@@ -89,7 +90,7 @@ def for_seeds(arguments: tuple, num_seeds: int) -> tuple:
 
 def _learners(combat: Combat) -> Learner:
     return jax.vmap(lambda key: init_learner(key, combat.config.learn))(
-        jax.random.split(jax.random.key(0), NUM_AGENTS)
+        jax.random.split(jax.random.key(0), NUM_SIDES)
     )
 
 

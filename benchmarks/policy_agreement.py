@@ -25,17 +25,17 @@ def main(path: Path, index: int) -> None:
     from dronecombat_jax.policies.numpy_policy import NumpyPolicy
     from dronecombat_jax.runs.evaluation import load_run, policies
     from dronecombat_jax.runs.export import policy_of_run
-    from dronecombat_jax.types import ATTACKER, ROLES
+    from dronecombat_jax.types import ATTACKER, SIDES
 
     run = load_run(path)
     seen = observations(run, policies(run, index))
     solo = run.config.game.scenario == "solo"
-    for role in [ROLES[ATTACKER]] if solo else ROLES:
+    for role in [SIDES[ATTACKER]] if solo else SIDES:
         policy, info = policy_of_run(run, RunDirectory(path), role, run.config.train.seed + index)
         with tempfile.TemporaryDirectory() as folder:
             save_policy(Path(folder) / "policy.safetensors", policy, info)
             alone = NumpyPolicy(Path(folder) / "policy.safetensors")
-        observation = seen[:, :, ROLES.index(role)].reshape(-1, seen.shape[-1])
+        observation = seen[:, :, SIDES.index(role)].reshape(-1, seen.shape[-1])
         ours = np.asarray(
             jax.jit(lambda x, policy=policy: policy_mean(run.config.learn, policy, x))(observation)
         )

@@ -32,7 +32,7 @@ from dronecombat_jax.analysis.result import Entrant, TournamentResult, tournamen
 from dronecombat_jax.analysis.verdict import judge
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.types import ROLES, Cause
+from dronecombat_jax.types import SIDES, Cause
 
 METHODS = ("ippo", "s-ippo")
 CENTRE = 0.45  # mean score of all defenders
@@ -144,7 +144,7 @@ def tournament(
 ) -> TournamentResult:
     """A cross-play of final policies; the first `seeds` rows and columns are of one method."""
     runs = [(METHODS[row >= seeds], row - seeds * (row >= seeds)) for row in range(len(chance))]
-    sides = [tuple(entrant(role, method, seed) for method, seed in runs) for role in ROLES]
+    sides = [tuple(entrant(role, method, seed) for method, seed in runs) for role in SIDES]
     won = rng.random((*chance.shape, fights)) < chance[..., None]
     cause = np.where(won, np.int8(Cause.INTERCEPT), np.int8(Cause.REACHED))
     config, steps = Config(), np.ones(cause.shape, int)

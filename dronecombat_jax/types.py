@@ -1,6 +1,8 @@
 """Every pytree that crosses a room's border, with its axes and units.
 
-Axes, always in this order: S seeds, T time, N environments, A agents (0 defender, 1 attacker).
+Axes, always in this order: S seeds, T time, N environments, A agents. Agents are drones; there are
+always two sides, 0 the defender's and 1 the attacker's, and today one drone on each, so a learner
+of side A learns from agent A. Learners, pools and tournaments have sides.
 What does not live here: settings (`config`) and anything that computes.
 """
 
@@ -12,8 +14,10 @@ from flax import struct
 
 DEFENDER = 0
 ATTACKER = 1
-ROLES = ("defender", "attacker")
-NUM_AGENTS = 2
+SIDES = ("defender", "attacker")  # who learns, rates and wins
+NUM_SIDES = len(SIDES)
+SIDE_OF_AGENT = (DEFENDER, ATTACKER)  # one drone a side
+NUM_AGENTS = len(SIDE_OF_AGENT)
 ACTION_SIZE = 4
 OBSERVATION_SIZE = 35
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from dronecombat_jax.files import metrics
 from dronecombat_jax.report.figures import OUTCOMES, ROLE_COLOURS
-from dronecombat_jax.types import ROLES
+from dronecombat_jax.types import SIDES
 
 # isort: split
 # After the report, which imports Matplotlib whatever MPLBACKEND names.
@@ -93,7 +93,7 @@ def binned(label: str, records: Sequence[dict[str, Any]]) -> Shares:
         label,
         np.array([group[-1]["steps"] / 1e6 for group in chosen]),
         np.array([curve(f"outcome/{name}") for name in SHOWN]),
-        np.array([curve(f"crash/{role}") for role in ROLES]),
+        np.array([curve(f"crash/{role}") for role in SIDES]),
     )
 
 
@@ -117,7 +117,7 @@ def draw(runs: Sequence[Shares], path: Path) -> None:
             linewidth=0,
             labels=[OUTCOMES[name][0] for name in SHOWN],
         )
-        for role, curve in zip(ROLES, run.crashes, strict=True):
+        for role, curve in zip(SIDES, run.crashes, strict=True):
             ax.plot(run.steps, curve, color="black", linewidth=2.2)
             ax.plot(
                 run.steps, curve, color=ROLE_COLOURS[role], linewidth=1.2, label=f"{role} goes down"

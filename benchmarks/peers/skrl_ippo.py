@@ -20,7 +20,7 @@ from benchmarks.peers.c_mujoco import Duel
 from benchmarks.peers.turns import Turns
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.machine.backend import cores
-from dronecombat_jax.types import ACTION_SIZE, OBSERVATION_SIZE, ROLES
+from dronecombat_jax.types import ACTION_SIZE, OBSERVATION_SIZE, SIDES
 
 SPACES = (
     gymnasium.spaces.Box(-np.inf, np.inf, (OBSERVATION_SIZE,)),
@@ -70,18 +70,18 @@ class Value(DeterministicMixin, Model):
 def make_agent(config: Config) -> IPPO:
     """skrl's agent with orthogonal weights and the settings of `config.learn`."""
     learn = config.learn
-    models = {uid: {"policy": Policy(learn), "value": Value(learn)} for uid in ROLES}
+    models = {uid: {"policy": Policy(learn), "value": Value(learn)} for uid in SIDES}
     for model in (model for pair in models.values() for model in pair.values()):
         model.init_weights("orthogonal_", gain=learn.hidden_gain)
         model.init_biases("constant_", val=0.0)
     agent = IPPO(
-        possible_agents=ROLES,
+        possible_agents=SIDES,
         models=models,
         memories={
-            uid: RandomMemory(learn.rollout_steps, config.train.num_envs, "cpu") for uid in ROLES
+            uid: RandomMemory(learn.rollout_steps, config.train.num_envs, "cpu") for uid in SIDES
         },
-        observation_spaces=dict.fromkeys(ROLES, SPACES[0]),
-        action_spaces=dict.fromkeys(ROLES, SPACES[1]),
+        observation_spaces=dict.fromkeys(SIDES, SPACES[0]),
+        action_spaces=dict.fromkeys(SIDES, SPACES[1]),
         device="cpu",
         cfg={
             "rollouts": learn.rollout_steps,
@@ -114,17 +114,17 @@ def make_agent(config: Config) -> IPPO:
 @torch.no_grad()
 def fly(agent: IPPO, duel: Duel, observation: torch.Tensor) -> torch.Tensor:
     """One control step of all fights, recorded; returns the next observation [N, 35]."""
-    actions = agent.act(dict.fromkeys(ROLES, observation), timestep=0, timesteps=1)[0]
-    out = duel.step(torch.stack([actions[uid] for uid in ROLES], dim=1).numpy())
+    actions = agent.act(dict.fromkeys(SIDES, observation), timestep=0, timesteps=1)[0]
+    out = duel.step(torch.stack([actions[uid] for uid in SIDES], dim=1).numpy())
     following = torch.from_numpy(out.observation)
     column = lambda array: torch.from_numpy(array)[:, None]
     agent.record_transition(
-        states=dict.fromkeys(ROLES, observation),
+        states=dict.fromkeys(SIDES, observation),
         actions=actions,
-        rewards={uid: column(out.reward[:, i].copy()) for i, uid in enumerate(ROLES)},
-        next_states=dict.fromkeys(ROLES, following),
-        terminated=dict.fromkeys(ROLES, column(out.terminated)),
-        truncated=dict.fromkeys(ROLES, column(out.truncated)),
+        rewards={uid: column(out.reward[:, i].copy()) for i, uid in enumerate(SIDES)},
+        next_states=dict.fromkeys(SIDES, following),
+        terminated=dict.fromkeys(SIDES, column(out.terminated)),
+        truncated=dict.fromkeys(SIDES, column(out.truncated)),
         infos={},
         timestep=0,
         timesteps=1,

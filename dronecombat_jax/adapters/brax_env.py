@@ -28,7 +28,7 @@ from dronecombat_jax.types import (
     DEFENDER,
     NUM_AGENTS,
     OBSERVATION_SIZE,
-    ROLES,
+    SIDES,
     EnvState,
     Outcome,
     StepOutput,
@@ -56,7 +56,7 @@ class CombatEnv(Env):
         solo = combat.config.game.scenario == "solo"
         if role not in (DEFENDER, ATTACKER):
             raise UserError(
-                f"role {role}: there are {DEFENDER} ({ROLES[DEFENDER]}) and {ATTACKER} ({ROLES[ATTACKER]})"
+                f"role {role}: there are {DEFENDER} ({SIDES[DEFENDER]}) and {ATTACKER} ({SIDES[ATTACKER]})"
             )
         if solo and role == DEFENDER:
             raise UserError(

@@ -43,7 +43,7 @@ from dronecombat_jax.analysis.result import (
     showings,
     win_rate,
 )
-from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES
 
 ELO_EPISODES = 5  # a cell, as in the paper's ratings; its maps take all
 LARGEST_CURVE = 1000  # players: above, the smoothed curve would take minutes
@@ -188,7 +188,7 @@ def own_elo_by_side(
 ) -> list[tuple[str, tuple[Entrant, ...], dict[str, NDArray[np.float64]]]]:
     """Role, entrants and their Elo by lineage, each [D] or [A]."""
     cut = len(study.result.defenders)
-    parts = zip(ROLES, _sides(study.result), (slice(cut), slice(cut, None)), strict=True)
+    parts = zip(SIDES, _sides(study.result), (slice(cut), slice(cut, None)), strict=True)
     return [
         (role, side, {run: elo[part] for run, elo in study.own_elo.items()})
         for role, side, part in parts

@@ -25,7 +25,7 @@ from dronecombat_jax.types import (
     ACTION_SIZE,
     ATTACKER,
     DEFENDER,
-    NUM_AGENTS,
+    NUM_SIDES,
     Cause,
     EnvState,
     FightResult,
@@ -186,5 +186,5 @@ def _noise(role: int, key: jax.Array, clock: jax.Array) -> jax.Array:
     `clock`: [4].
     """
     return jax.random.normal(
-        jax.random.split(jax.random.fold_in(key, clock), NUM_AGENTS)[role], (1, ACTION_SIZE)
+        jax.random.split(jax.random.fold_in(key, clock), NUM_SIDES)[role], (1, ACTION_SIZE)
     )[0]

@@ -17,7 +17,7 @@ from dronecombat_jax.arena.lanes import Lanes, Layout, Orders, Side, build_fly, 
 from dronecombat_jax.arena.players import Player, content_words, kind_of, scripted_numbers, stack
 from dronecombat_jax.arena.schedule import Schedule, tiles
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_AGENTS, Cause, EnvState, Policy
+from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_SIDES, Cause, EnvState, Policy
 
 
 class Rules(NamedTuple):
@@ -146,7 +146,7 @@ class Rectangle:
         return self._orders(schedule, schedule.fill())
 
     def _orders(self, schedule: Schedule, begin: NDArray) -> Orders:
-        words = [self._words[role][schedule.player[role]] for role in range(NUM_AGENTS)]
+        words = [self._words[role][schedule.player[role]] for role in range(NUM_SIDES)]
         start = jax.tree.map(lambda leaf: leaf[schedule.episode], self._starts)
         seed: Any = np.uint32(self._rules.seed)
         every: Any = (begin, start, np.concatenate(words, axis=1), schedule.episode.copy(), seed)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecombat_jax.arena.lanes import Layout
-from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_AGENTS
+from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_SIDES
 
 NOBODY = -1
 
@@ -61,10 +61,10 @@ class Schedule:
         """`grouped` by role, [D] and [A]: whose lanes sit in blocks (those of policies)."""
         self.layout, self._queue, self._grouped = layout, queue, grouped
         self._waiting: deque[Fight] = deque()
-        self.player = np.full((NUM_AGENTS, layout.lanes), NOBODY)
+        self.player = np.full((NUM_SIDES, layout.lanes), NOBODY)
         self.episode = np.zeros(layout.lanes, np.int32)
-        self._flying: list[dict[int, int]] = [{} for _ in range(NUM_AGENTS)]  # lanes by player
-        self._used = [0] * NUM_AGENTS  # blocks
+        self._flying: list[dict[int, int]] = [{} for _ in range(NUM_SIDES)]  # lanes by player
+        self._used = [0] * NUM_SIDES  # blocks
 
     @property
     def busy(self) -> NDArray[np.bool_]:
@@ -76,7 +76,7 @@ class Schedule:
         there.
         """
         lanes = np.flatnonzero(ended)
-        for role in range(NUM_AGENTS):
+        for role in range(NUM_SIDES):
             for player in self.player[role, lanes].tolist():
                 self._count(role, player, -1)
         out = (*self.player[:, lanes], self.episode[lanes])
@@ -94,7 +94,7 @@ class Schedule:
             if not self._waiting or not self._room(self._waiting[0]):
                 break
             fight = self._waiting.popleft()
-            for role in range(NUM_AGENTS):
+            for role in range(NUM_SIDES):
                 self._count(role, fight[role], 1)
             self.player[:, lane] = fight[: ATTACKER + 1]
             self.episode[lane], begin[lane] = fight.episode, True
@@ -122,7 +122,7 @@ class Schedule:
             not self._grouped[role][fight[role]]
             or self._used[role] < self.layout.blocks
             or self._flying[role].get(fight[role], 0) % self.layout.block
-            for role in range(NUM_AGENTS)
+            for role in range(NUM_SIDES)
         )
 
     def _count(self, role: int, player: int, change: int) -> None:

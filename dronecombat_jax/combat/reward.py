@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.rules import Events, timeout_decides
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.types import DEFENDER, NUM_AGENTS, Cause, Drones, RewardTerms
+from dronecombat_jax.types import DEFENDER, SIDE_OF_AGENT, Cause, Drones, RewardTerms
 
 
 def reward_terms(
@@ -60,7 +60,7 @@ def reward_terms(
     )
     if game.scenario == "duel":
         return terms
-    present = jnp.arange(NUM_AGENTS) != DEFENDER
+    present = jnp.asarray(SIDE_OF_AGENT) != DEFENDER
     return jax.tree.map(lambda term: jnp.where(present, term, 0.0), terms)
 
 

@@ -27,7 +27,7 @@ from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.rotation import body_z
 from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Drones, EnvState
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Drones, EnvState
 
 Pilot = Callable[[EnvState, jax.Array, jax.Array], jax.Array]
 
@@ -75,7 +75,7 @@ def build_pilot(name: str, config: Config, scene: Scene, role: int | None = None
                 its_role, guidances[name], airframe(config, scene, its_role), config.control_dt
             )
     roles = PILOTS if role is None else (role,)
-    names = "; ".join(f"{ROLES[there]}s: {', '.join(PILOTS[there])}" for there in roles)
+    names = "; ".join(f"{SIDES[there]}s: {', '.join(PILOTS[there])}" for there in roles)
     raise UserError(f"{one_line(name)}: no scripted pilot has this name ({names})")
 
 

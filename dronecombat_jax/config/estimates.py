@@ -13,7 +13,8 @@ from dronecombat_jax.config.fields import Config
 
 OBSERVATION_SIZE = 35  # eq. 5
 ACTION_SIZE = 4
-AGENTS = 2
+AGENTS = 2  # drones
+SIDES = 2  # learners
 PHYSICS_BYTES = 4700  # of MJX's arrays per environment (measured, docs/performance.md)
 FIGHT_FLOATS = 36  # of one fight in a checkpoint
 CHECKPOINT_BYTES = 40_000  # of a checkpoint's tables (measured)
@@ -37,7 +38,7 @@ def estimated_bytes(config: Config) -> int:
     rollout = 2 * transitions * AGENTS * (2 * OBSERVATION_SIZE + ACTION_SIZE + 10)
     minibatch = transitions // learn.minibatches * 6 * sum(learn.hidden_sizes)
     policy, value = _network_floats(config)
-    learners = AGENTS * 3 * (policy + value)
+    learners = SIDES * 3 * (policy + value)
     floats = rollout + minibatch + learners + _pool_floats(config, policy)
     return train.num_seeds * (4 * floats + PHYSICS_BYTES * train.num_envs)
 
@@ -49,7 +50,7 @@ def estimated_disk_bytes(config: Config) -> int:
     train, chunks = config.train, config.num_chunks
     policy, value = _network_floats(config)
     fights = train.num_envs * FIGHT_FLOATS
-    checkpoint = train.num_seeds * 4 * (AGENTS * 3 * (policy + value) + fights) + CHECKPOINT_BYTES
+    checkpoint = train.num_seeds * 4 * (SIDES * 3 * (policy + value) + fights) + CHECKPOINT_BYTES
     players = train.num_seeds * 4 * policy * _pool_roles(config) * chunks
     logs = train.num_seeds * RECORD_BYTES * chunks * train.chunk_iterations
     return kept_checkpoints(config) * checkpoint + players + logs
@@ -61,9 +62,8 @@ def kept_checkpoints(config: Config) -> int:
     chunks = config.num_chunks
     if word == "last":
         return min(chunks + 1, max(number, KEPT_ANYWAY))
-    return len(
-        {*range(0, chunks + 1, number), *range(max(0, chunks + 1 - KEPT_ANYWAY), chunks + 1)}
-    )
+    newest = range(max(0, chunks + 1 - KEPT_ANYWAY), chunks + 1)
+    return chunks // number + 1 + sum(chunk % number != 0 for chunk in newest)
 
 
 def keep_rule(text: str) -> tuple[str, int] | None:

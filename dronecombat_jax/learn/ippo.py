@@ -17,7 +17,7 @@ from dronecombat_jax.learn.optimize import optimize, optimizer
 from dronecombat_jax.learn.rollout import scaled, select
 from dronecombat_jax.types import (
     DEFENDER,
-    NUM_AGENTS,
+    NUM_SIDES,
     OBSERVATION_SIZE,
     Batch,
     Learner,
@@ -53,7 +53,7 @@ def learn_from(
     itself; in the first `solo_envs` environments the defender has not.
     """
     results = []
-    for agent in range(NUM_AGENTS):
+    for agent in range(NUM_SIDES):
         shuffle_key = jax.random.fold_in(key, agent)
         own = without(solo_envs, rollout) if agent == DEFENDER else rollout
         results.append(

@@ -13,7 +13,7 @@ from dronecombat_jax.combat.fingerprint import canonical, observation_fields
 from dronecombat_jax.config.schema import one_line, shown
 from dronecombat_jax.config.settings import SCHEMA
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
-from dronecombat_jax.types import ACTION_SIZE, OBSERVATION_SIZE, ROLES
+from dronecombat_jax.types import ACTION_SIZE, OBSERVATION_SIZE, SIDES
 
 FORMAT = "dronecombat-policy"
 FORMAT_VERSION = 1
@@ -97,7 +97,7 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
             f"it has format {version}, this version reads up to {FORMAT_VERSION}: upgrade dronecombat-jax"
         )
     info = PolicyInfo(
-        role=_matching(metadata, "role", re.compile("|".join(ROLES))),
+        role=_matching(metadata, "role", re.compile("|".join(SIDES))),
         layer_sizes=_layer_sizes(metadata),
         normalize_observations=_matching(
             metadata, "normalize_observations", re.compile("true|false")

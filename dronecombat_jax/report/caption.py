@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from dronecombat_jax.report.stage import ENLARGEMENT, TARGET_COLOUR, TEAM_COLOURS
-from dronecombat_jax.types import ROLES
+from dronecombat_jax.types import SIDES
 
 _WHITE, _GREY, _PANEL = (255, 255, 255), (205, 212, 220), (16, 22, 30, 170)
 Colour = tuple[int, int, int]
@@ -41,7 +41,7 @@ class Caption:
         middle = self.height - band / 2
         self.draw.rectangle((0, self.height - band, self.width, self.height), fill=_PANEL)
         left = 0.03 * self.width
-        for name, colour in (*zip(ROLES, TEAM_COLOURS, strict=True), ("target", TARGET_COLOUR)):
+        for name, colour in (*zip(SIDES, TEAM_COLOURS, strict=True), ("target", TARGET_COLOUR)):
             radius = 0.011 * self.height
             self.draw.ellipse(
                 (left - radius, middle - radius, left + radius, middle + radius),

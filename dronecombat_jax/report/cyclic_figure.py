@@ -10,7 +10,7 @@ from dronecombat_jax.analysis.result import Entrant, TournamentResult, by_traini
 from dronecombat_jax.analysis.study import ALL, Study
 from dronecombat_jax.report.figures import ROLE_COLOURS
 from dronecombat_jax.report.sheet import games, name, nothing, sheet
-from dronecombat_jax.types import ROLES
+from dronecombat_jax.types import SIDES
 
 
 def cyclic_discs(study: Study) -> Figure:
@@ -43,7 +43,7 @@ def cyclic_discs(study: Study) -> Figure:
 
 def _disc(ax: Axes, part: TournamentResult, share: CyclicShare, heading: str) -> None:
     for role, side, points in zip(
-        ROLES,
+        SIDES,
         (part.defenders, part.attackers),
         (share.defender_disc, share.attacker_disc),
         strict=True,

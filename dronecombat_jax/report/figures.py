@@ -18,7 +18,7 @@ from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatt
 
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import cannot_write, write_atomic
-from dronecombat_jax.types import ROLES
+from dronecombat_jax.types import SIDES
 
 MOST_POINTS = 200  # of one curve; longer runs are averaged in bins of equal numbers of iterations
 ROLE_COLOURS = {"defender": "#0072B2", "attacker": "#D55E00", "draw": "#7F7F7F"}
@@ -126,7 +126,7 @@ def _lines(panel: str) -> dict[str, str]:
     """The keys of the records that a panel shows, and their labels."""
     if panel == "episode_steps":
         return {panel: "both"}
-    sides = ("defender", "draw", "attacker") if panel == "win" else ROLES
+    sides = ("defender", "draw", "attacker") if panel == "win" else SIDES
     return {f"{panel}/{side}": side for side in sides}
 
 

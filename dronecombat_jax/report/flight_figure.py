@@ -11,7 +11,7 @@ from dronecombat_jax.files.plain import Table, plain_value
 from dronecombat_jax.report.figures import ROLE_COLOURS
 from dronecombat_jax.report.sheet import common, mean_and_spread, name, sheet, time_axis
 from dronecombat_jax.tournaments.flights import Flown
-from dronecombat_jax.types import ROLES
+from dronecombat_jax.types import SIDES
 
 STYLES = ("-", "--", ":", "-.")  # of the methods
 PANELS = {  # field of `Flown`: heading, unit
@@ -59,7 +59,7 @@ def flight_table(flown: Sequence[Flown]) -> Table:
     rows = tuple(
         (
             *(plain_value(getattr(one, field)) for field in columns),
-            *(getattr(one, field)[role] for field in pairs for role in range(len(ROLES))),
+            *(getattr(one, field)[role] for field in pairs for role in range(len(SIDES))),
         )
         for one in flown
     )
@@ -67,7 +67,7 @@ def flight_table(flown: Sequence[Flown]) -> Table:
         "Each run's defender against its own attacker of the same chunk; means over the recorded fights. Time in s, speed in "
         "m/s, angle in rad, altitudes in m."
     )
-    named = (*columns, *(f"{role}_{field}" for field in pairs for role in ROLES))
+    named = (*columns, *(f"{role}_{field}" for field in pairs for role in SIDES))
     return Table("flights", about, named, rows)
 
 
@@ -75,7 +75,7 @@ def _lines(flown: Sequence[Flown], field: str) -> list[tuple[str, list[float]]]:
     """Label and values of each line of a panel."""
     values = [getattr(one, field) for one in flown]
     if isinstance(values[0], tuple):
-        return [(role, [value[i] for value in values]) for i, role in enumerate(ROLES)]
+        return [(role, [value[i] for value in values]) for i, role in enumerate(SIDES)]
     scale = 180.0 / np.pi if field == "approach_angle" else 1.0
     return [("both", [scale * value for value in values])]
 

@@ -27,7 +27,7 @@ from dronecombat_jax.report.sheet import (
     time_axis,
     timelines_of,
 )
-from dronecombat_jax.types import ROLES
+from dronecombat_jax.types import SIDES
 
 NO_TRAINING = "no trained entrant took part"
 MOST_ROWS = 40  # of the final policies
@@ -142,7 +142,7 @@ def finals(study: Study) -> Figure:
     limits = _limits(np.concatenate([values[everyone] for values in (*rated, *elo)]))
     size = (7.0, 1.6 + 0.3 * min(max(map(len, chosen)), MOST_ROWS))
     figure, axes = sheet(1, 2, size, "Final policies and scripted pilots", foot, sharex=True)
-    for ax, role, members in zip(axes[0], ROLES, chosen, strict=True):
+    for ax, role, members in zip(axes[0], SIDES, chosen, strict=True):
         order = sorted(members, key=lambda one: np.nan_to_num(rated.rating[one], nan=-np.inf))[
             -MOST_ROWS:
         ]
@@ -183,8 +183,8 @@ def _sides(study: Study, values: NDArray) -> list[tuple]:
     """(role, entrants, values) of both sides, of `values` [P]."""
     cut = len(study.result.defenders)
     return [
-        (ROLES[0], study.result.defenders, values[:cut]),
-        (ROLES[1], study.result.attackers, values[cut:]),
+        (SIDES[0], study.result.defenders, values[:cut]),
+        (SIDES[1], study.result.attackers, values[cut:]),
     ]
 
 

@@ -15,11 +15,11 @@ from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.report.video import CAPTIONS, finite_part
 from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_AGENTS, ROLES, Cause, Outcome, Trajectory
+from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_AGENTS, SIDES, Cause, Outcome, Trajectory
 
 MOST_STATES = 8192  # of all fights of a page together: 0.6 MB; longer fights keep every n-th state
 STEPS = 32767  # of an int16 on either side of 0
-SIDES = {Outcome.DEFENDER: "defender", Outcome.ATTACKER: "attacker", Outcome.DRAW: "nobody"}
+WINNERS = {Outcome.DEFENDER: "defender", Outcome.ATTACKER: "attacker", Outcome.DRAW: "nobody"}
 Event = dict[str, Any]
 _REASONS = {
     Cause.NONE: "the fight was cut short",
@@ -100,7 +100,7 @@ def verdict(cause: Cause, winner: Outcome, end: float) -> str:
     """Who wins and why, as one sentence; `end` in s."""
     if cause == Cause.NONE:
         return f"No result: {_REASONS[cause]}"
-    who = "Nobody wins" if winner == Outcome.DRAW else f"{SIDES[winner].capitalize()} wins"
+    who = "Nobody wins" if winner == Outcome.DRAW else f"{WINNERS[winner].capitalize()} wins"
     return f"{who}: {_REASONS[cause]} after {end:.2f}\u00a0s"
 
 
@@ -125,7 +125,7 @@ def _fight(fight: Fight, rules: Rules, most: int) -> dict[str, Any]:
         "fastest": fastest,
         "target": trajectory.target.tolist(),
         "result": {
-            "winner": SIDES[winner],
+            "winner": WINNERS[winner],
             "text": CAPTIONS[cause][0],
             "sentence": verdict(cause, winner, end),
             "time": end,
@@ -170,13 +170,13 @@ def _events(trajectory: Trajectory, cause: Cause, winner: Outcome, rules: Rules)
         low = 1 + np.flatnonzero(height < rules.crash_altitude)
         if not low.size or (role in final and trajectory.time[low[0]] >= end):
             continue
-        when, name = int(low[0]), ROLES[role]
+        when, name = int(low[0]), SIDES[role]
         text, place = f"{name.capitalize()} crashes", positions[when, role]
         events.append(_event("crash", trajectory, when, text, name, place, (role,)))
     place = {Cause.INTERCEPT: positions[-1].mean(axis=0), Cause.REACHED: positions[-1, ATTACKER]}
     where = place.get(cause, positions[-1, final[0] if final else ATTACKER])
     kind, last = "crash" if final else "end", len(positions) - 1
-    ended = _event(kind, trajectory, last, CAPTIONS[cause][0], SIDES[winner], where, final)
+    ended = _event(kind, trajectory, last, CAPTIONS[cause][0], WINNERS[winner], where, final)
     return [*sorted(events, key=lambda event: event["time"]), ended]
 
 

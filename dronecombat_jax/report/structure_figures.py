@@ -19,7 +19,7 @@ from dronecombat_jax.report.sheet import (
     sheet,
     timelines_of,
 )
-from dronecombat_jax.types import ROLES, Cause
+from dronecombat_jax.types import SIDES, Cause
 
 NO_MAP = "no run played its own attackers"
 SUMMARIES = {  # heading: of one run's memory
@@ -38,7 +38,7 @@ def forgetting_profile(study: Study) -> Figure:
     )
     figure, axes = sheet(1, 3, (5.4, 4.4), "Forgetting: each run against its own past", foot)
     colour = colours(study.methods)
-    for ax, role in zip(axes[0], ROLES, strict=False):
+    for ax, role in zip(axes[0], SIDES, strict=False):
         for method in study.methods:
             told = [getattr(one, role) for one in _memories(study, method)]
             _profile(ax, told, colour[method], f"{name(method)} ({len(told)})")
@@ -70,8 +70,8 @@ def outcomes_over_time(study: Study) -> Figure:
     )
     handles: dict = {}
     for row, method in zip(axes, study.methods, strict=False):
-        for ax, role, told in zip(row, ROLES, study.endings, strict=True):
-            side = (study.result.defenders, study.result.attackers)[ROLES.index(role)]
+        for ax, role, told in zip(row, SIDES, study.endings, strict=True):
+            side = (study.result.defenders, study.result.attackers)[SIDES.index(role)]
             lines = {
                 cause: timelines_of(side, told.share[:, cause], [method])[method]
                 for cause in Cause

@@ -15,7 +15,7 @@ from dronecombat_jax.analysis.result import score_rate, scores
 from dronecombat_jax.analysis.study import Study, own_elo_by_side
 from dronecombat_jax.files.plain import Table, plain_value, to_csv
 from dronecombat_jax.report.sheet import mean_and_spread, timelines_of
-from dronecombat_jax.types import ROLES, Cause
+from dronecombat_jax.types import SIDES, Cause
 
 GAUGE = "Elo points; the mean over all entrants of both roles is 1500"
 BOUNDS = {BOUNDED: "both ends", OPEN_ABOVE: "open above", OPEN_BELOW: "open below"}
@@ -52,7 +52,7 @@ def ratings(study: Study) -> Table:
     own, nothing = study.own_elo, np.full(len(games), np.nan)
     rows = [
         (
-            ROLES[i >= cut], one.label, one.method, one.run, one.seed, one.chunk, one.steps, one.identity,
+            SIDES[i >= cut], one.label, one.method, one.run, one.seed, one.chunk, one.steps, one.identity,
             wins[i], draws[i], losses[i], (wins[i] + draws[i] / 2) / games[i] if games[i] >= 1 else np.nan,
             scale.rating[i], rated.error[i], scale.low[i], scale.high[i],
             BOUNDS.get(int(rated.design.bound[i]), "open both ways"), rated.design.component[i],
@@ -202,7 +202,7 @@ def endings(study: Study) -> Table:
     causes = [cause for cause in Cause if cause]
     rows = []
     for role, side, told in zip(
-        ROLES, (study.result.defenders, study.result.attackers), study.endings, strict=True
+        SIDES, (study.result.defenders, study.result.attackers), study.endings, strict=True
     ):
         for i, one in enumerate(side):
             rows.append(

@@ -21,7 +21,7 @@ from dronecombat_jax.report.animation import encode_gif, encode_webp
 from dronecombat_jax.report.caption import Caption, drawn_note
 from dronecombat_jax.report.stage import TARGET_COLOUR, TEAM_COLOURS, Stage
 from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Cause, Trajectory
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Cause, Trajectory
 
 PICTURE_SIZE = (1600, 900)
 VIDEO_SIZE = (960, 540)  # both even, as yuv420p wants
@@ -212,7 +212,7 @@ def _frame(
     caption.title(f"t = {time:.2f} s", _speeds(fight, min(flown, len(fight.time)) - 1))
     for drone in _present(fight):
         inset, left, top = _inset(stage, fight, qpos, drone, radii)
-        caption.inset(inset, left, top, f"{ROLES[drone]}'s chase camera", TEAM_COLOURS[drone])
+        caption.inset(inset, left, top, f"{SIDES[drone]}'s chase camera", TEAM_COLOURS[drone])
     caption.legend(drawn_note(speed))
     if ended:
         caption.banner(*CAPTIONS[Cause(fight.cause)])
@@ -250,7 +250,7 @@ def _label_ends(stage: Stage, caption: Caption, fight: Trajectory) -> None:
     foot = np.array([1.0, 1.0, 0.0])
     places = [(fight.target * foot, "target", TARGET_COLOUR, 0.045)]
     for drone in _present(fight):
-        start, text = _poses(fight, drone)[0, :3], f"{ROLES[drone]}'s start"
+        start, text = _poses(fight, drone)[0, :3], f"{SIDES[drone]}'s start"
         below = drone == DEFENDER  # the fight is between the two: label both on the far side
         places.append(
             (start * foot if below else start, text, TEAM_COLOURS[drone], 0.045 if below else -0.06)
@@ -261,7 +261,7 @@ def _label_ends(stage: Stage, caption: Caption, fight: Trajectory) -> None:
 
 def _speeds(fight: Trajectory, index: int) -> str:
     parts = [
-        f"{ROLES[drone]} {np.linalg.norm(fight.qvel[index, 6 * drone : 6 * drone + 3]):.1f} m/s"
+        f"{SIDES[drone]} {np.linalg.norm(fight.qvel[index, 6 * drone : 6 * drone + 3]):.1f} m/s"
         for drone in _present(fight)
     ]
     if DEFENDER in _present(fight):

@@ -16,12 +16,12 @@ from dronecombat_jax.config.fields import Config
 from dronecombat_jax.files import metrics
 from dronecombat_jax.files.metrics import MetricsWriter, Record
 from dronecombat_jax.runs.records import ENDINGS
-from dronecombat_jax.types import ROLES, Outcome, SelfPlay
+from dronecombat_jax.types import SIDES, Outcome, SelfPlay
 
 SHARES = (
     *(f"outcome/{cause.name.lower()}" for cause in ENDINGS),
     *(f"win/{outcome.name.lower()}" for outcome in Outcome),
-    *(f"crash/{role}" for role in ROLES),
+    *(f"crash/{role}" for role in SIDES),
 )
 MAX_MEMBERS, MIN_GAMES = 64, 0.5  # in a record: it must not grow with the pool
 MEANS = ("kl", "entropy", "explained_variance")
@@ -107,7 +107,7 @@ def summary(rows: list[Record]) -> Record:
         )
         record[key] = count / episodes if episodes else None
     record["diverged"] = sum(row.get("diverged", 0) for row in rows)
-    for role in ROLES:
+    for role in SIDES:
         record[f"learning_rate/{role}"] = (_known(rows, f"learning_rate/{role}") or [None])[-1]
         for name in MEANS:
             values = _known(rows, f"{name}/{role}")
@@ -135,11 +135,11 @@ def met(config: Config, selfplay: SelfPlay | None, seed_index: int, chunk: int) 
         slots = np.asarray(selfplay.opponent[seed_index])
         one = config.selfplay.scope == "chunk"
         record = {
-            "frozen": ROLES[frozen],
+            "frozen": SIDES[frozen],
             "opponent": int(slots[0]) if one else float(slots.mean()),
             "opponents": len(np.unique(slots)),
         }
-    for role, pool in zip(ROLES, selfplay.pools, strict=True):
+    for role, pool in zip(SIDES, selfplay.pools, strict=True):
         if pool is not None:  # a chunk's start fills one slot more, so `chunk` are filled
             rates, games = np.asarray(win_rates(pool)), np.asarray(pool.games)
             rates, games = rates[seed_index, :chunk], games[seed_index, :chunk]

@@ -26,7 +26,7 @@ from dronecombat_jax.runs.resume import load_state, newest_start
 from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
-    ROLES,
+    SIDES,
     FightResult,
     Outcome,
     Policy,
@@ -117,7 +117,7 @@ def summary(config: Config, result: FightResult) -> dict[str, Any]:
         "fights": fights,
         "win": {outcome.name.lower(): share(winners == outcome) for outcome in Outcome},
         "cause": {cause.name.lower(): share(result.cause == cause) for cause in ENDINGS},
-        "crash": {role: share(result.down[:, agent]) for agent, role in enumerate(ROLES)},
+        "crash": {role: share(result.down[:, agent]) for agent, role in enumerate(SIDES)},
         "seconds": {
             "mean": float(seconds.mean()),
             **{f"p{q}": float(np.percentile(seconds, q)) for q in (5, 50, 95)},
@@ -194,7 +194,7 @@ def is_own(path: Path, steps: int, num_seeds: int, own_fights: int) -> bool:
 def report_text(result: dict[str, Any]) -> str:
     """One seed's result as a small table."""
     how = "drawn actions" if result["stochastic"] else "mean actions"
-    scripted = [f", {role} is the scripted {result[role]}" for role in ROLES if role in result]
+    scripted = [f", {role} is the scripted {result[role]}" for role in SIDES if role in result]
     starts = f", {result['spawn']} starts" if "spawn" in result else ""
     lines = [
         f"seed {result['seed']} after {result['steps']:,} steps: {result['fights']} fights, {how}"

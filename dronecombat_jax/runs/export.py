@@ -16,7 +16,7 @@ from dronecombat_jax.policies.info import PolicyInfo
 from dronecombat_jax.policies.onnx import require_onnx, save_onnx
 from dronecombat_jax.runs.evaluation import SavedRun, load_run, policies
 from dronecombat_jax.runs.provenance import package_version
-from dronecombat_jax.types import ACTION_SIZE, DEFENDER, OBSERVATION_SIZE, ROLES, Policy
+from dronecombat_jax.types import ACTION_SIZE, DEFENDER, OBSERVATION_SIZE, SIDES, Policy
 
 
 def export(
@@ -52,7 +52,7 @@ def policy_of_run(
 ) -> tuple[Policy, PolicyInfo]:
     """One policy of a run (NumPy leaves) and where it comes from."""
     config = run.config
-    if config.game.scenario == "solo" and role == ROLES[DEFENDER]:
+    if config.game.scenario == "solo" and role == SIDES[DEFENDER]:
         raise UserError(
             f"{directory.path} is a solo run: its defender never flew; take --role attacker",
             EXIT_CONFIG,
@@ -71,7 +71,7 @@ def policy_of_run(
         jax_version=jax.__version__,
         config_sha256=hashlib.sha256(settings.to_toml(config).encode()).hexdigest(),
     )
-    return policies(run, index)[ROLES.index(role)], info
+    return policies(run, index)[SIDES.index(role)], info
 
 
 def _seed_index(run: SavedRun, directory: RunDirectory, seed: int | None) -> int:

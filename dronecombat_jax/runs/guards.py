@@ -19,7 +19,7 @@ from dronecombat_jax.files.arrays import flatten
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.runs.records import learning_agents
-from dronecombat_jax.types import NUM_AGENTS, ROLES, IterationMetrics
+from dronecombat_jax.types import NUM_SIDES, SIDES, IterationMetrics
 
 DIVERGED_SHARE = 0.01  # of the environments, in one iteration
 DIVERGED_ITERATIONS = 3
@@ -32,7 +32,7 @@ class Watch:
     def __init__(self, config: Config):
         self._config = config
         self._diverged = np.zeros(config.train.num_seeds, int)
-        self._skipped = np.zeros((config.train.num_seeds, NUM_AGENTS), int)
+        self._skipped = np.zeros((config.train.num_seeds, NUM_SIDES), int)
 
     def verdict(self, report: IterationMetrics, first_iteration: int) -> str:
         """Why training must stop after these iterations, or ""; leaves of `report` are NumPy [S, I,
@@ -59,7 +59,7 @@ class Watch:
             if np.any(self._skipped >= SKIPPED_ITERATIONS):
                 seed, agent = np.unravel_index(np.argmax(self._skipped), self._skipped.shape)
                 return (
-                    f"not one finite gradient for the {ROLES[agent]} of seed {train.seed + int(seed)} in its last "
+                    f"not one finite gradient for the {SIDES[agent]} of seed {train.seed + int(seed)} in its last "
                     f"{SKIPPED_ITERATIONS} iterations, up to {done} (a smaller learn.learning_rate may help)"
                 )
         return ""

@@ -24,7 +24,7 @@ from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.files.manifest import CheckpointError, Roster, state_digest
 from dronecombat_jax.files.tensorfile import PolicyError
 from dronecombat_jax.learn.rollout import policy_of
-from dronecombat_jax.types import ROLES
+from dronecombat_jax.types import SIDES
 
 if TYPE_CHECKING:
     from dronecombat_jax.types import Policy, SelfPlay, TrainState
@@ -134,7 +134,7 @@ def with_players(selfplay: "SelfPlay", members: list[Arrays]) -> "SelfPlay":
 
     def filled(role: int, pool: Any) -> Any:
         leaves = []
-        for name, empty in paths({ROLES[role]: pool.policies}):
+        for name, empty in paths({SIDES[role]: pool.policies}):
             whole = np.zeros((empty.shape[0], pool.games.shape[1], *empty.shape[2:]), empty.dtype)
             for slot, arrays in enumerate(members):
                 whole[:, slot] = arrays[name.replace("/", ".")]
@@ -155,7 +155,7 @@ def filled_slots(iteration: int, chunk_iterations: int) -> int:
 def _named(selfplay: "SelfPlay", policy: Any) -> Arrays:
     """`policy(role, pool)`, leaves [S, ...], of each role that has a pool, by plain names."""
     tree = {
-        ROLES[role]: policy(role, pool)
+        SIDES[role]: policy(role, pool)
         for role, pool in enumerate(selfplay.pools)
         if pool is not None
     }

@@ -10,7 +10,7 @@ import numpy as np
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.runs.progress import ProgressUpdate
-from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Cause, IterationMetrics, Outcome
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Cause, IterationMetrics, Outcome
 
 ENDINGS = tuple(cause for cause in Cause if cause != Cause.NONE)
 
@@ -44,7 +44,7 @@ def learning_agents(config: Config, report: IterationMetrics, first_iteration: i
     from dronecombat_jax.selfplay.chunk import waits
 
     frozen = np.asarray(report.frozen)  # [S, I]
-    learning = np.arange(len(ROLES)) != frozen[..., None]
+    learning = np.arange(len(SIDES)) != frozen[..., None]
     iterations = first_iteration + np.arange(frozen.shape[1])
     learning[..., DEFENDER] &= ~np.asarray(waits(config, iterations))  # pyright: ignore[reportArgumentType]
     return learning
@@ -93,7 +93,7 @@ def _record(
     record |= {
         f"win/{outcome.name.lower()}": _share(wins[outcome], episodes) for outcome in Outcome
     }
-    for agent, role in enumerate(ROLES):
+    for agent, role in enumerate(SIDES):
         record[f"crash/{role}"] = _share(report.crashes[agent], episodes)
         terms = report.reward_terms._asdict().items()
         record |= {f"reward/{role}/{name}": float(term[agent]) for name, term in terms}

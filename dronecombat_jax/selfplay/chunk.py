@@ -33,7 +33,7 @@ from dronecombat_jax.selfplay.pool import (
     save_players,
 )
 from dronecombat_jax.types import (
-    NUM_AGENTS,
+    NUM_SIDES,
     Cause,
     EnvState,
     Flown,
@@ -63,9 +63,7 @@ def init_state(combat: Combat) -> TrainState:
     seeds = jnp.arange(train.seed, train.seed + train.num_seeds, dtype=jnp.uint32)
 
     def init_seed(seed: jax.Array) -> TrainState:
-        keys = jax.random.split(
-            _key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS), NUM_AGENTS
-        )
+        keys = jax.random.split(_key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS), NUM_SIDES)
         # One after the other: under vmap jax 0.10.1 on two cores has hung here, in about one start
         # of a hundred.
         learners = jax.lax.map(lambda key: init_learner(key, combat.config.learn), keys)
@@ -145,7 +143,7 @@ def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, It
     shuffle = _key(state.seed, state.iteration, Purpose.SHUFFLE)
     learning = jnp.stack([~waits(config, state.iteration), jnp.ones((), bool)])
     if state.selfplay is not None:
-        learning &= jnp.arange(NUM_AGENTS) != state.selfplay.frozen
+        learning &= jnp.arange(NUM_SIDES) != state.selfplay.frozen
     learners, updates = learn_from(
         config.learn, state.learners, rollout, shuffle, learning, config.solo_envs
     )

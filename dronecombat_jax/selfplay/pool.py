@@ -17,7 +17,7 @@ from dronecombat_jax.selfplay.samplers import SAMPLERS, Members
 from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
-    NUM_AGENTS,
+    NUM_SIDES,
     Learner,
     Outcome,
     Policy,
@@ -109,7 +109,7 @@ def choose(config: Config, state: SelfPlay, chunk: jax.Array, key: jax.Array) ->
     start.
     """
     selfplay = config.selfplay
-    coin, lot, *keys = jax.random.split(key, 2 + NUM_AGENTS)
+    coin, lot, *keys = jax.random.split(key, 2 + NUM_SIDES)
     roles = past_roles(selfplay)
     role = jnp.asarray(roles, jnp.int32)[jax.random.randint(lot, (), 0, len(roles))]
     frozen = (
@@ -171,7 +171,7 @@ def met(state: SelfPlay | None, num_envs: int) -> jax.Array:
     """
     if state is None:
         return jnp.full(num_envs, NOBODY, jnp.int32)
-    return jnp.where(state.frozen == NOBODY, NOBODY, NUM_AGENTS * state.opponent + state.frozen)
+    return jnp.where(state.frozen == NOBODY, NOBODY, NUM_SIDES * state.opponent + state.frozen)
 
 
 def count_wins(state: SelfPlay, outcomes: jax.Array, counted: jax.Array) -> SelfPlay:

@@ -25,7 +25,7 @@ from dronecombat_jax.files.rundir import RunDirectory, find_run
 from dronecombat_jax.policies.file import as_flown, load_policy, tensors_of
 from dronecombat_jax.policies.info import PolicyInfo
 from dronecombat_jax.runs.resume import newest_start
-from dronecombat_jax.types import ATTACKER, DEFENDER, MLP, ROLES, Policy, Scaler
+from dronecombat_jax.types import ATTACKER, DEFENDER, MLP, SIDES, Policy, Scaler
 
 SCRIPTED_PREFIX = "scripted:"
 ALL = "all"
@@ -83,7 +83,7 @@ def _scripted(name: str) -> list[Contender]:
     known = [(role, one) for role, pilots in PILOTS.items() for one in pilots]
     chosen = [(role, one) for role, one in known if name in (ALL, one)]
     if not chosen:
-        names = "; ".join(f"{ROLES[role]}s: {', '.join(pilots)}" for role, pilots in PILOTS.items())
+        names = "; ".join(f"{SIDES[role]}s: {', '.join(pilots)}" for role, pilots in PILOTS.items())
         raise UserError(
             f"{one_line(SCRIPTED_PREFIX + name)}: no scripted pilot has this name ({names}; or {ALL})"
         )
@@ -103,7 +103,7 @@ def _file(path: Path) -> Found:
     entrant = Entrant(
         player.identity, one_line(path.stem), EXPORTED, info.run, info.seed, info.chunk, info.steps
     )
-    contender = Contender(ROLES.index(info.role), entrant, player, info.environment)
+    contender = Contender(SIDES.index(info.role), entrant, player, info.environment)
     return Found([contender], _config_of(info))
 
 

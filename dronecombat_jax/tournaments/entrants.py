@@ -16,7 +16,7 @@ from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.tournaments.contenders import EXPORTED, Contender, Found, find
-from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES
 
 ANCHOR_PRESET = "duel"  # the game of scripted pilots alone
 _MAX_NAMED = 5
@@ -74,7 +74,7 @@ def read_field(
     for role, side in enumerate(seats):
         if not any(seat.player for seat in side):
             raise UserError(
-                f"no {ROLES[role]} takes part; name a run, a policy file or a scripted pilot",
+                f"no {SIDES[role]} takes part; name a run, a policy file or a scripted pilot",
                 EXIT_CONFIG,
             )
         notices += _saved_again(role, side)
@@ -156,13 +156,13 @@ def _refuse_two_of_a_name(contenders: list[Contender]) -> None:
 def _saved_again(role: int, side: list[Seat]) -> list[str]:
     """What is to be said of players of the same content."""
     told = [
-        f"{ROLES[role]} {seat.entrant.label} is also {_named(seat.also)}"
+        f"{SIDES[role]} {seat.entrant.label} is also {_named(seat.also)}"
         for seat in side
         if seat.also
     ]
     if len(told) > _MAX_NAMED:
         return [
-            f"{len(told)} {ROLES[role]}s were saved more than once (such as {told[0]}): flown once each"
+            f"{len(told)} {SIDES[role]}s were saved more than once (such as {told[0]}): flown once each"
         ]
     return [f"{one}: flown once" for one in told]
 

@@ -20,7 +20,7 @@ from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.config.settings import suggestion
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import write_atomic
-from dronecombat_jax.types import ROLES, Cause, Outcome
+from dronecombat_jax.types import SIDES, Cause, Outcome
 
 FORMAT = 2  # 1: entrants have no `also`
 RESULT_NAME = "result.npz"
@@ -42,7 +42,7 @@ def save_result(folder: Path, result: TournamentResult, about: dict[str, Any]) -
         },
         **{
             f"{role}s": [_told(one) for one in side]
-            for role, side in zip(ROLES, _sides(result), strict=True)
+            for role, side in zip(SIDES, _sides(result), strict=True)
         },
     }
     text = json.dumps(told, indent=1, allow_nan=False) + "\n"
@@ -101,7 +101,7 @@ def _read(path: Path | str) -> tuple[TournamentResult, dict[str, Any]]:
                     f"{name} has format {about['format']}: upgrade dronecombat-jax", EXIT_DATA
                 )
             winner = [Outcome(int(one)) for one in stored["winner"]]
-            defenders, attackers = ([_entrant(one) for one in about[f"{role}s"]] for role in ROLES)
+            defenders, attackers = ([_entrant(one) for one in about[f"{role}s"]] for role in SIDES)
             arrays = {part: stored[part] for part in ("cause", "steps", "played", "counts")}
             control_dt = float(stored["control_dt"])
     except FileNotFoundError:

@@ -5,7 +5,7 @@ import numpy as np
 from dronecombat_jax.analysis.bradley_terry import Ratings, bradley_terry
 from dronecombat_jax.analysis.design import OPEN_ABOVE, OPEN_BELOW
 from dronecombat_jax.analysis.result import Entrant, TournamentResult, score_rate, scores
-from dronecombat_jax.types import ROLES
+from dronecombat_jax.types import SIDES
 
 TOP = 8
 GAUGE = "Elo points; the mean over all players of both sides is 1500, and only differences within this tournament count"
@@ -27,7 +27,7 @@ def standings_text(result: TournamentResult, top: int = TOP) -> str:
         players = np.arange(first, first + len(side))
         players = players[ratings.design.games[players] > 0]
         best = players[np.argsort(-ratings.rating[players], kind="stable")][:top]
-        lines.append(f"  {ROLES[role]:<28} rating  +-    95 % interval    score   fights")
+        lines.append(f"  {SIDES[role]:<28} rating  +-    95 % interval    score   fights")
         lines += [
             f"  {_row(ratings, side[player - first], player, float(mean[player]))}"
             for player in best

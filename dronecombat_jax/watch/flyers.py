@@ -17,7 +17,7 @@ from dronecombat_jax.files.rundir import RunDirectory, find_run
 from dronecombat_jax.runs.evaluation import load_run, policies
 from dronecombat_jax.runs.resume import newest_start
 from dronecombat_jax.tournaments.contenders import POLICY_SUFFIX, SCRIPTED_PREFIX, find, identity_of
-from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Policy
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Policy
 
 ANCHOR_PRESET = "duel"  # the game of scripted pilots alone
 
@@ -57,7 +57,7 @@ def read_crew(named: Named) -> Crew:
     if config.game.scenario == "solo" and named.wanted[DEFENDER]:
         raise UserError("in a solo run the attacker flies alone: --defender has no place there")
     flyers = []
-    for role, name in enumerate(ROLES):
+    for role, name in enumerate(SIDES):
         flyer = _wanted(named, role, run) if named.wanted[role] else first.get(role)
         if flyer is None and run is None:
             raise UserError(f"no {name} is named: give a run, a policy file, or --{name}")
@@ -135,7 +135,7 @@ def _read_words(named: Named) -> tuple[RunDirectory | None, dict[int, Flyer], Co
             continue
         role, flyer, game = _player(word)
         if role in flyers:
-            raise UserError(f"two {ROLES[role]}s are named: {flyers[role].label} and {flyer.label}")
+            raise UserError(f"two {SIDES[role]}s are named: {flyers[role].label} and {flyer.label}")
         flyers[role] = flyer
         config = config or game
     if not named.words and not any(_stands_alone(word) for word in named.wanted):
@@ -170,7 +170,7 @@ def _player(word: str) -> tuple[int, Flyer, Config | None]:
 def _wanted(named: Named, role: int, run: RunDirectory | None) -> Flyer:
     """The player that --defender or --attacker names."""
     word = named.wanted[role]
-    flag = f"--{ROLES[role]} {one_line(word)}"
+    flag = f"--{SIDES[role]} {one_line(word)}"
     if not _stands_alone(word):
         if run is None:
             raise UserError(f"{flag}: a chunk number needs a RUN that it belongs to")
@@ -179,7 +179,7 @@ def _wanted(named: Named, role: int, run: RunDirectory | None) -> Flyer:
     if word in names or _is_player(word):
         its_role, flyer, _ = _player(f"{SCRIPTED_PREFIX}{word}" if word in names else word)
         if its_role != role:
-            raise UserError(f"{flag}: it is a policy of the {ROLES[its_role]}")
+            raise UserError(f"{flag}: it is a policy of the {SIDES[its_role]}")
         return flyer
     path, _, chunk = word.rpartition(":") if word.rpartition(":")[2].isdigit() else (word, "", "")
     try:

@@ -18,7 +18,7 @@ from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.report.replay_data import Fight, Rules, replay_data, rules_of
 from dronecombat_jax.report.replay_page import CELL_HEIGHT, cell, page
 from dronecombat_jax.report.video import FILMS, render_fight
-from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES
 from dronecombat_jax.watch.flyers import (
     Crew,
     Flyer,
@@ -157,7 +157,7 @@ def _evolution(
     run = crew.run
     if run is None:
         raise UserError("an evolution needs a RUN: its untrained policies to its newest")
-    learns = [role for role in range(len(ROLES)) if not named.wanted[role]]
+    learns = [role for role in range(len(SIDES)) if not named.wanted[role]]
     if not learns:
         raise UserError("an evolution of what? Leave out --defender, --attacker or both")
     fly = recorder(combat, filming._replace(fights=1))
@@ -171,8 +171,8 @@ def _evolution(
         note = f"chunk {chunk}, {_steps(flyers[learns[-1]].steps)}"
         fights.append(Fight(flown, f"{percent} %", _labels(flyers), note))
     title = f"{run_name(run)} learns to fight"
-    stay = set(range(len(ROLES))) - set(learns)
-    stays = [f"{ROLES[role]} always {crew.flyers[role].label}" for role in stay]
+    stay = set(range(len(SIDES))) - set(learns)
+    stays = [f"{SIDES[role]} always {crew.flyers[role].label}" for role in stay]
     about = "The same start, flown by the policies along the training"
     return Replay(title, "; ".join([about, *stays, _how(filming)]), tuple(fights), rules)
 

@@ -13,7 +13,7 @@ from dronecombat_jax.arena.match import fight, start_fights
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import PILOTS, build_pilot, one_per_fight
 from dronecombat_jax.config.fields import Config, GameConfig
-from dronecombat_jax.types import ATTACKER, DEFENDER, ROLES, Cause
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Cause
 
 FIGHTS = 32  # per pair
 DEFENDERS, ATTACKERS = ["absent", *PILOTS[DEFENDER]], list(PILOTS[ATTACKER])
@@ -100,7 +100,7 @@ def test_no_pilot_crashes_in_a_long_low_chase(arena: SimpleNamespace):
         spawn_altitude_high=0.7,
     )
     chased = fight_all(arena, game, 2)
-    for role, name in enumerate(ROLES):
+    for role, name in enumerate(SIDES):
         down = chased.down[1:, ..., role]  # the first defender is absent and out from the start
         assert not np.any(down), name
     assert np.mean(chased.cause == Cause.TIMEOUT) > 0.3  # or it was no long chase

@@ -26,7 +26,7 @@ from dronecombat_jax.config.fields import (
 from dronecombat_jax.sim import source
 from dronecombat_jax.sim.flown import package_scene
 from dronecombat_jax.sim.scene import load_scene
-from dronecombat_jax.types import ROLES
+from dronecombat_jax.types import SIDES
 
 NOT_MET = ("game.random_clock", "sim.mjcf")  # what an MJCF says is met, wherever it lies
 GAME = ("sim.", "game.")
@@ -41,7 +41,7 @@ GOLDEN = {
 
 
 def of_both(**values) -> dict:
-    return {f"scene.{role}.{key}": value for role in ROLES for key, value in values.items()}
+    return {f"scene.{role}.{key}": value for role in SIDES for key, value in values.items()}
 
 
 EDITS = {

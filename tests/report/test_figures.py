@@ -15,7 +15,7 @@ from PIL import Image
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
 from dronecombat_jax.report import figures
 from dronecombat_jax.report.figures import OUTCOMES, gather, learning_curves
-from dronecombat_jax.types import ROLES, Cause
+from dronecombat_jax.types import SIDES, Cause
 
 
 def record(
@@ -35,7 +35,7 @@ def record(
             "episode_steps": 50.0 * iteration,
         }
         values |= {"win/attacker": reached, "win/draw": 1.0 - reached, "win/defender": 0.0}
-    for role in ROLES:
+    for role in SIDES:
         values |= {f"kl/{role}": 0.008, f"learning_rate/{role}": 3e-4, f"log_std/{role}": -0.1}
         values |= {
             f"explained_variance/{role}": -5.0,

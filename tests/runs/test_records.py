@@ -10,7 +10,7 @@ import pytest
 from dronecombat_jax.config.fields import Config, GameConfig, LearnConfig, TrainConfig
 from dronecombat_jax.files.metrics import MetricsWriter, read
 from dronecombat_jax.runs.records import progress_update, records
-from dronecombat_jax.types import ROLES, Cause, IterationMetrics, RewardTerms, UpdateMetrics
+from dronecombat_jax.types import SIDES, Cause, IterationMetrics, RewardTerms, UpdateMetrics
 
 CONFIG = Config(
     learn=LearnConfig(rollout_steps=10),
@@ -145,7 +145,7 @@ def learnt(row: dict) -> dict[str, bool]:
     """Of each role, whether it reports numbers of its learning, which are then all there."""
     numbers = {
         role: [row[f"{name}/{role}"] is not None for name in UpdateMetrics._fields]
-        for role in ROLES
+        for role in SIDES
     }
     assert all(len(set(known)) == 1 for known in numbers.values())
     return {role: known[0] for role, known in numbers.items()}

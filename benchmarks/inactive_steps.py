@@ -22,7 +22,8 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 
 from dronecombat_jax.config.fields import LearnConfig  # noqa: E402
-from dronecombat_jax.learn.ippo import update_learner, without  # noqa: E402
+from dronecombat_jax.learn.algorithms import without  # noqa: E402
+from dronecombat_jax.learn.ippo import update_learner  # noqa: E402
 from dronecombat_jax.learn.rollout import act, collect, policy_of, select  # noqa: E402
 from dronecombat_jax.runs.evaluation import SavedRun, load_run, policies  # noqa: E402
 from dronecombat_jax.types import DEFENDER, Learner, Transition  # noqa: E402

@@ -13,7 +13,8 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.learn.ippo import init_learner, learn_from
+from dronecombat_jax.learn.algorithms import learn_from
+from dronecombat_jax.learn.ippo import init_learner
 from dronecombat_jax.learn.rollout import act, collect, policy_of, select
 from dronecombat_jax.sim.flight import build_step
 from dronecombat_jax.types import (

@@ -27,7 +27,6 @@ from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
     NUM_AGENTS,
-    OBSERVATION_SIZE,
     SIDES,
     EnvState,
     Outcome,
@@ -53,7 +52,7 @@ class CombatEnv(Env):
 
         Raises UserError for a role that is none, and for an opponent too many or too few.
         """
-        solo = combat.config.game.scenario == "solo"
+        solo = not combat.game.flies[DEFENDER]
         if role not in (DEFENDER, ATTACKER):
             raise UserError(
                 f"role {role}: there are {DEFENDER} ({SIDES[DEFENDER]}) and {ATTACKER} ({SIDES[ATTACKER]})"
@@ -74,7 +73,7 @@ class CombatEnv(Env):
 
     @property
     def observation_size(self) -> int:
-        return OBSERVATION_SIZE
+        return self.combat.observation.size
 
     @property
     def action_size(self) -> int:

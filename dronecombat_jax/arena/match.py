@@ -103,7 +103,7 @@ def advance(
     after, output = jax.vmap(combat.step)(state, action)
     on = result.cause == Cause.NONE
     keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-    now = FightResult(output.cause, result.steps + 1, after.out & ~_absent(combat))
+    now = FightResult(output.cause, result.steps + 1, after.out & ~combat.game.absent)
     return jax.tree.map(keep, after, state), jax.tree.map(keep, now, result), action
 
 
@@ -130,7 +130,3 @@ def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
         cause=int(fights.result.cause[index]),
         control_dt=combat.config.control_dt,
     )
-
-
-def _absent(combat: Combat) -> jax.Array:
-    return jnp.asarray([combat.config.game.scenario == "solo", False])

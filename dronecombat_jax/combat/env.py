@@ -8,9 +8,10 @@ from functools import cached_property
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.combat.observe import observe_ego, observe_world
-from dronecombat_jax.combat.reward import reward_terms, total
-from dronecombat_jax.combat.rules import detect, forfeit, judge, timeout_decides
+from dronecombat_jax.combat.games import game_of
+from dronecombat_jax.combat.observe import OBSERVATIONS
+from dronecombat_jax.combat.reward import total
+from dronecombat_jax.combat.rules import detect, forfeit, timeout_decides
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.machine import jax_variables
 from dronecombat_jax.sim.flight import Step, build_step, split
@@ -37,7 +38,8 @@ class Combat:
         jax_variables.require_float32()
         self.config = config
         self.scene = scene or load_scene(config.sim)
-        self._observe = observe_world if config.game.observation == "world" else observe_ego
+        self.game = game_of(config)
+        self.observation = OBSERVATIONS[config.game.observation]
 
     @cached_property
     def _fly(self) -> Step:
@@ -87,7 +89,7 @@ class Combat:
             qvel=jnp.zeros(6 * NUM_AGENTS),
             target=positions[NUM_AGENTS],
             clock=jnp.zeros((), jnp.int32),
-            out=jnp.asarray([game.scenario == "solo", False]),
+            out=self.game.absent,
         )
 
     def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
@@ -116,7 +118,7 @@ class Combat:
 
     def observe(self, state: EnvState) -> jax.Array:
         """Observation [A, 35] of the state (eq. 5)."""
-        return self._observe(split(state.qpos, state.qvel), state.target)
+        return self.observation.observe(split(state.qpos, state.qvel), state.target)
 
     def step(self, state: EnvState, action: jax.Array) -> tuple[EnvState, StepOutput]:
         """Fly one control step with `action` [A, 4]. Does not reset: a fight that ended must be
@@ -139,10 +141,10 @@ class Combat:
         clock = state.clock + 1
 
         events = detect(game, before.position, drones.position, state.target, state.out, clock)
-        cause = jnp.where(jnp.any(invalid), forfeit(invalid), judge(game, events))
+        cause = jnp.where(jnp.any(invalid), forfeit(invalid), self.game.judge(game, events))
         diverged: jax.Array = jnp.int32(Cause.DIVERGED)
         cause = jnp.where(sane, cause, diverged)
-        terms = reward_terms(self.config, drones, state.target, events, state.out, cause)
+        terms = self.game.reward(self.config, drones, state.target, events, state.out, cause)
         terms = jax.tree.map(lambda term: jnp.where(sane & ~jnp.any(invalid), term, 0.0), terms)
 
         # A drone that goes down stays where it is, at rest.

@@ -8,7 +8,7 @@ import hashlib
 import json
 from typing import TYPE_CHECKING, Any
 
-from dronecombat_jax.combat.observe import LAYOUT
+from dronecombat_jax.combat.observe import OBSERVATIONS
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import flatten
 from dronecombat_jax.config.settings import SCHEMA
@@ -25,15 +25,6 @@ _TRAINING_ONLY = ("game.random_clock",)
 # Where a scene's file lies. What it says is in the keys of `scene.`: moved, it is the same game.
 _PLACES = ("sim.mjcf",)
 SCENE = "scene."
-
-
-def observation_fields(observation: str) -> tuple[tuple[str, int], ...]:
-    """Name and length of each part of the observation, in order; `observation` as in `GameConfig`."""
-    if observation == "world":
-        return LAYOUT
-    return tuple(
-        (name.replace("_d", "_self").replace("_a", "_other"), size) for name, size in LAYOUT
-    )
 
 
 def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
@@ -54,7 +45,7 @@ def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
         and key not in (*_TRAINING_ONLY, *_PLACES)
         and values[key] != _LATER.get(key)
     ]
-    fields = [list(field) for field in observation_fields(config.game.observation)]
+    fields = [list(field) for field in OBSERVATIONS[config.game.observation].fields]
     return {
         "version": ENVIRONMENT_VERSION,
         "observation_fields": fields,

@@ -1,4 +1,11 @@
-"""The observation vector of eq. 5. Plain arrays of one fight."""
+"""The observation vector of eq. 5, in two frames. Plain arrays of one fight.
+
+To add one, write a function here, name it in OBSERVATIONS with its fields, and among the choices of
+`config.GameConfig.observation`.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -6,8 +13,22 @@ import jax.numpy as jnp
 from dronecombat_jax.sim.rotation import conjugate, multiply, rotate, rotate_inverse
 from dronecombat_jax.types import NUM_AGENTS, Drones
 
-# Name and length of each part, in order. In the "ego" observation d reads "self" and a "other".
-LAYOUT = (
+Fields = tuple[tuple[str, int], ...]
+
+
+class Observation(NamedTuple):
+    """What each drone sees."""
+
+    fields: Fields  # name and length of each part, in order
+    observe: Callable[[Drones, jax.Array], jax.Array]  # (drones [A, ...], target [3]) -> [A, size]
+
+    @property
+    def size(self) -> int:
+        """Length of the vector."""
+        return sum(length for _, length in self.fields)
+
+
+WORLD_FIELDS = (
     ("p_d", 3), ("q_d", 4), ("p_a", 3), ("q_a", 4), ("p_t", 3),
     ("v_d", 3), ("w_d", 3), ("v_a", 3), ("w_a", 3), ("g_d", 3), ("g_a", 3),
 )  # fmt: skip
@@ -59,3 +80,12 @@ def observe_ego(drones: Drones, target: jax.Array) -> jax.Array:
         ],
         axis=-1,
     )
+
+
+EGO_FIELDS = tuple(
+    (name.replace("_d", "_self").replace("_a", "_other"), length) for name, length in WORLD_FIELDS
+)
+OBSERVATIONS: dict[str, Observation] = {
+    "world": Observation(WORLD_FIELDS, observe_world),
+    "ego": Observation(EGO_FIELDS, observe_ego),
+}

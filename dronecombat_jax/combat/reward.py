@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.rules import Events, timeout_decides
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.types import DEFENDER, SIDE_OF_AGENT, Cause, Drones, RewardTerms
+from dronecombat_jax.types import Cause, Drones, RewardTerms
 
 
 def reward_terms(
@@ -28,7 +28,7 @@ def reward_terms(
     """
     weights, game = config.reward, config.game
     scale = config.control_dt if weights.time_scaled else 1.0
-    grounded = game.crash_rule == "grounded" and game.scenario == "duel"
+    grounded = game.crash_rule == "grounded"
     flying = jnp.ones_like(out) if grounded else ~out
     dense = scale * flying.astype(jnp.float32)
 
@@ -45,7 +45,7 @@ def reward_terms(
         [is_cause(Cause.ATTACKER_CRASH), is_cause(Cause.DEFENDER_CRASH)]
     )
     pays_crash = events.down if grounded else events.crashed
-    terms = RewardTerms(
+    return RewardTerms(
         approach=dense * approach,
         linear_velocity=-dense
         * weights.linear_velocity_penalty
@@ -58,10 +58,6 @@ def reward_terms(
         crash=-weights.crash_penalty * pays_crash.astype(jnp.float32),
         timeout=timeout * jnp.asarray([weights.timeout_win, -weights.timeout_penalty]),
     )
-    if game.scenario == "duel":
-        return terms
-    present = jnp.asarray(SIDE_OF_AGENT) != DEFENDER
-    return jax.tree.map(lambda term: jnp.where(present, term, 0.0), terms)
 
 
 def total(terms: RewardTerms) -> jax.Array:

@@ -66,7 +66,7 @@ def judge(game: GameConfig, events: Events) -> jax.Array:
     both_crash = defender_crash & attacker_crash
     if game.crash_rule == "out":  # the attacker flies on alone, and fails with its own crash
         defender_crash = jnp.zeros_like(defender_crash)
-    if game.crash_rule == "grounded" and game.scenario == "duel":
+    if game.crash_rule == "grounded":
         # the fight lasts until both lie there
         both_crash = jnp.all(events.down)
         defender_crash = attacker_crash = jnp.zeros_like(defender_crash)

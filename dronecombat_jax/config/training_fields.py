@@ -13,6 +13,7 @@ from dronecombat_jax.config.setting import setting
 class LearnConfig:
     """IPPO: two independent PPO learners that share nothing (eq. 13-18)."""
 
+    algorithm: Literal["ppo"] = setting("ppo", "how each side learns (learn.algorithms)")
     hidden_sizes: tuple[int, ...] = setting(
         (256, 128), "hidden units of policy and value networks", low=1, high=8192
     )

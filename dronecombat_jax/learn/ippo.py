@@ -1,6 +1,8 @@
-"""Learning from a rollout by IPPO: estimate advantages, update each learner on its own."""
+"""Proximal policy optimisation of one side: advantages from a rollout, then gradient steps.
 
-from typing import Any
+What does not live here: that both sides do it, each on its own (`algorithms`), and the steps
+(`optimize`).
+"""
 
 import jax
 import jax.numpy as jnp
@@ -14,77 +16,29 @@ from dronecombat_jax.learn.networks import (
 )
 from dronecombat_jax.learn.normalize import denormalize, init_scaler, normalize, update_scaler
 from dronecombat_jax.learn.optimize import optimize, optimizer
-from dronecombat_jax.learn.rollout import scaled, select
+from dronecombat_jax.learn.rollout import scaled
 from dronecombat_jax.types import (
-    DEFENDER,
-    NUM_SIDES,
     OBSERVATION_SIZE,
     Batch,
     Learner,
+    Policy,
     Transition,
     UpdateMetrics,
 )
 
 
-def init_learner(key: jax.Array, learn: LearnConfig) -> Learner:
-    """One agent before training."""
-    parameters = project_log_std(init_parameters(key, learn), learn)
+def init_learner(
+    key: jax.Array, learn: LearnConfig, observation_size: int = OBSERVATION_SIZE
+) -> Learner:
+    """One side before training."""
+    parameters = project_log_std(init_parameters(key, learn, observation_size), learn)
     return Learner(
         parameters=parameters,
         optimizer=optimizer(learn).init(parameters),
-        observation_scaler=init_scaler((OBSERVATION_SIZE,)),
+        observation_scaler=init_scaler((observation_size,)),
         value_scaler=init_scaler(()),
         learning_rate=jnp.asarray(learn.learning_rate, jnp.float32),
     )
-
-
-def learn_from(
-    learn: LearnConfig,
-    learners: Learner,
-    rollout: Transition,
-    key: jax.Array,
-    learning: jax.Array,
-    solo_envs: int = 0,
-) -> tuple[Learner, UpdateMetrics]:
-    """Update each agent that is `learning` [A] bool on its own part of the rollout; leaves [A,
-    ...].
-
-    An agent that does not learn keeps every bit of its state. One that learns must have flown
-    itself; in the first `solo_envs` environments the defender has not.
-    """
-    results = []
-    for agent in range(NUM_SIDES):
-        shuffle_key = jax.random.fold_in(key, agent)
-        own = without(solo_envs, rollout) if agent == DEFENDER else rollout
-        results.append(
-            _update_if(learning[agent], learn, select(learners, agent), own, agent, shuffle_key)
-        )
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *results)
-
-
-def without(solo_envs: int, rollout: Any) -> Any:
-    """The environments of `rollout`, leaves [T, N, ...], in which both fly: all but the first
-    `solo_envs`.
-    """
-    return jax.tree.map(lambda leaf: leaf[:, solo_envs:], rollout) if solo_envs else rollout
-
-
-def _update_if(
-    learning: jax.Array,
-    learn: LearnConfig,
-    learner: Learner,
-    rollout: Transition,
-    agent: int,
-    key: jax.Array,
-) -> tuple[Learner, UpdateMetrics]:
-    def update(learner: Learner) -> tuple[Learner, UpdateMetrics]:
-        return update_learner(learn, learner, rollout, agent, key)
-
-    def skip(learner: Learner) -> tuple[Learner, UpdateMetrics]:
-        blank = dict.fromkeys(UpdateMetrics._fields, jnp.zeros(()))
-        return learner, UpdateMetrics(**blank | {"skipped": jnp.zeros((), jnp.int32)})
-
-    return jax.lax.cond(learning, update, skip, learner)
 
 
 def update_learner(
@@ -209,3 +163,11 @@ def prepare_batch(
     return learner, Batch(
         observation, action, log_prob, advantage, value, target, weight, value_weight
     )
+
+
+def adopt(learner: Learner, policy: Policy) -> Learner:
+    """The learner with another policy and its observation scaler; critic, optimiser and rate
+    stay.
+    """
+    parameters = learner.parameters.replace(policy=policy.network, log_std=policy.log_std)
+    return learner.replace(parameters=parameters, observation_scaler=policy.observation_scaler)

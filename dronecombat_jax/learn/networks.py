@@ -25,10 +25,12 @@ def init_mlp(key: jax.Array, sizes: tuple[int, ...], hidden_gain: float, output_
     return MLP(weights=weights, biases=tuple(jnp.zeros(size) for size in sizes[1:]))
 
 
-def init_parameters(key: jax.Array, learn: LearnConfig) -> Parameters:
-    """One agent's untrained policy and value."""
+def init_parameters(
+    key: jax.Array, learn: LearnConfig, observation_size: int = OBSERVATION_SIZE
+) -> Parameters:
+    """One side's untrained policy and value."""
     policy_key, value_key = jax.random.split(key)
-    hidden = (OBSERVATION_SIZE, *learn.hidden_sizes)
+    hidden = (observation_size, *learn.hidden_sizes)
     return Parameters(
         policy=init_mlp(
             policy_key, (*hidden, ACTION_SIZE), learn.hidden_gain, learn.policy_output_gain

@@ -9,11 +9,12 @@ import json
 import re
 from typing import Any, NamedTuple
 
-from dronecombat_jax.combat.fingerprint import canonical, observation_fields
+from dronecombat_jax.combat.fingerprint import canonical
+from dronecombat_jax.combat.observe import OBSERVATIONS
 from dronecombat_jax.config.schema import one_line, shown
 from dronecombat_jax.config.settings import SCHEMA
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
-from dronecombat_jax.types import ACTION_SIZE, OBSERVATION_SIZE, SIDES
+from dronecombat_jax.types import ACTION_SIZE, SIDES
 
 FORMAT = "dronecombat-policy"
 FORMAT_VERSION = 1
@@ -65,7 +66,7 @@ def metadata_of(info: PolicyInfo) -> dict[str, str]:
         "layer_sizes": json.dumps(info.layer_sizes),
         "activation": ACTIVATION,
         "observation": info.observation,
-        "observation_fields": json.dumps(observation_fields(info.observation)),
+        "observation_fields": json.dumps(OBSERVATIONS[info.observation].fields),
         "normalize_observations": json.dumps(info.normalize_observations),
         "normalization_clip": repr(CLIP),
         "normalization_epsilon": repr(EPSILON),
@@ -96,14 +97,15 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
         raise ValueError(
             f"it has format {version}, this version reads up to {FORMAT_VERSION}: upgrade dronecombat-jax"
         )
+    environment = _environment(metadata)
     info = PolicyInfo(
         role=_matching(metadata, "role", re.compile("|".join(SIDES))),
-        layer_sizes=_layer_sizes(metadata),
+        layer_sizes=_layer_sizes(metadata, environment),
         normalize_observations=_matching(
             metadata, "normalize_observations", re.compile("true|false")
         )
         == "true",
-        environment=_environment(metadata),
+        environment=environment,
         run=_matching(metadata, "run", _ID),
         seed=_whole(metadata, "seed"),
         chunk=_whole(metadata, "chunk"),
@@ -118,16 +120,12 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
     return info
 
 
-def _layer_sizes(metadata: dict[str, str]) -> tuple[int, ...]:
+def _layer_sizes(metadata: dict[str, str], environment: dict[str, Any]) -> tuple[int, ...]:
     sizes, hidden = _json(metadata, "layer_sizes"), SCHEMA["learn.hidden_sizes"]
-    fits = isinstance(sizes, list) and (sizes[0:1], sizes[-1:]) == (
-        [OBSERVATION_SIZE],
-        [ACTION_SIZE],
-    )
-    if not fits or hidden.problem(sizes[1:-1]):
-        raise _wrong(
-            metadata, "layer_sizes", f"expected {OBSERVATION_SIZE}, {hidden.allowed}, {ACTION_SIZE}"
-        )
+    seen = OBSERVATIONS[environment["game.observation"]].size
+    ends = isinstance(sizes, list) and (sizes[0:1], sizes[-1:]) == ([seen], [ACTION_SIZE])
+    if not ends or hidden.problem(sizes[1:-1]):
+        raise _wrong(metadata, "layer_sizes", f"expected {seen}, {hidden.allowed}, {ACTION_SIZE}")
     return tuple(sizes)
 
 

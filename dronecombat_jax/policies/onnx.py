@@ -14,7 +14,7 @@ from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.policies.file import refuse_overwriting
 from dronecombat_jax.policies.info import PolicyInfo, metadata_of
-from dronecombat_jax.types import ACTION_SIZE, OBSERVATION_SIZE, Policy
+from dronecombat_jax.types import ACTION_SIZE, Policy
 
 # Old enough for the runtimes that robots carry; every operator below has kept its meaning since.
 OPSET = 13
@@ -81,7 +81,7 @@ def model_of(onnx: Any, policy: Policy, info: PolicyInfo) -> Any:
     graph = onnx.helper.make_graph(
         nodes,
         info.role,
-        [value("observation", OBSERVATION_SIZE)],
+        [value("observation", info.layer_sizes[0])],
         [value("action", ACTION_SIZE)],
         [
             onnx.numpy_helper.from_array(np.asarray(array, np.float32), name)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dronecombat_jax.combat.env import ARENA_HALF_WIDTH
+from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
@@ -73,7 +74,7 @@ def rules_of(config: Config, scene: Scene) -> Rules:
         thrust=(config.sim.thrust_to_weight * weight[0], config.sim.thrust_to_weight * weight[1]),
         weight=weight,
         winners=outcome_table(game),
-        alone=game.scenario == "solo",
+        alone=not game_of(config).flies[DEFENDER],
     )
 
 

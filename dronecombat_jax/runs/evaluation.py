@@ -19,10 +19,9 @@ from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.rundir import RunDirectory
-from dronecombat_jax.learn.rollout import policy_of, select
-from dronecombat_jax.policies.file import as_flown
 from dronecombat_jax.runs.records import ENDINGS
 from dronecombat_jax.runs.resume import load_state, newest_start
+from dronecombat_jax.runs.saved_policies import policies_of
 from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
@@ -58,8 +57,8 @@ def load_run(path: Path, chunk: int | None = None) -> SavedRun:
 
 def policies(run: SavedRun, seed_index: int) -> tuple[Policy, Policy]:
     """Defender's and attacker's policy of one of the run's seeds, as they are flown."""
-    learners = jax.tree.map(lambda leaf: leaf[seed_index], run.state.learners)
-    of_role = lambda role: as_flown(policy_of(select(learners, role)), run.config.learn)
+    each = policies_of(run.state.learners, run.config.learn)  # leaves [S, A, ...]
+    of_role = lambda role: jax.tree.map(lambda leaf: leaf[seed_index, role], each)
     return of_role(DEFENDER), of_role(ATTACKER)
 
 

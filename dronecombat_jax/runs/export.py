@@ -8,6 +8,8 @@ from pathlib import Path
 
 import jax
 
+from dronecombat_jax.combat.games import game_of
+from dronecombat_jax.combat.observe import OBSERVATIONS
 from dronecombat_jax.config import settings
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.files.rundir import RunDirectory
@@ -16,7 +18,7 @@ from dronecombat_jax.policies.info import PolicyInfo
 from dronecombat_jax.policies.onnx import require_onnx, save_onnx
 from dronecombat_jax.runs.evaluation import SavedRun, load_run, policies
 from dronecombat_jax.runs.provenance import package_version
-from dronecombat_jax.types import ACTION_SIZE, DEFENDER, OBSERVATION_SIZE, SIDES, Policy
+from dronecombat_jax.types import ACTION_SIZE, SIDES, Policy
 
 
 def export(
@@ -52,15 +54,19 @@ def policy_of_run(
 ) -> tuple[Policy, PolicyInfo]:
     """One policy of a run (NumPy leaves) and where it comes from."""
     config = run.config
-    if config.game.scenario == "solo" and role == SIDES[DEFENDER]:
+    if not game_of(config).flies[SIDES.index(role)]:
         raise UserError(
-            f"{directory.path} is a solo run: its defender never flew; take --role attacker",
+            f"{directory.path} is a {config.game.scenario} run: its {role} never flew; take the other --role",
             EXIT_CONFIG,
         )
     index = _seed_index(run, directory, seed)
     info = PolicyInfo(
         role=role,
-        layer_sizes=(OBSERVATION_SIZE, *config.learn.hidden_sizes, ACTION_SIZE),
+        layer_sizes=(
+            OBSERVATIONS[config.game.observation].size,
+            *config.learn.hidden_sizes,
+            ACTION_SIZE,
+        ),
         normalize_observations=config.learn.normalize_observations,
         environment=run.met,
         run=_identifier(directory.path.resolve().name),

@@ -23,7 +23,6 @@ from dronecombat_jax.files.arrays import Arrays, flatten, paths, unflatten
 from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.files.manifest import CheckpointError, Roster, state_digest
 from dronecombat_jax.files.tensorfile import PolicyError
-from dronecombat_jax.learn.rollout import policy_of
 from dronecombat_jax.types import SIDES
 
 if TYPE_CHECKING:
@@ -70,13 +69,11 @@ class Players:
         """Slots of `roster` whose file is missing or unsound."""
         return [slot for slot in range(roster.slots) if self._digest(slot) is None]
 
-    def mend(self, slot: int, state: "TrainState") -> None:
-        """Write slot `slot` again from `state`, the checkpoint of that chunk's start; NumPy leaves
-        [S, ...].
+    def mend(self, slot: int, selfplay: "SelfPlay", live: "Policy") -> None:
+        """Write slot `slot` again from the checkpoint of that chunk's start: its `live` policies,
+        NumPy leaves [S, A, ...].
         """
-        assert state.selfplay is not None
-        live = policy_of(state.learners)  # leaves [S, A, ...]
-        self._write(slot, _named(state.selfplay, lambda role, _: _at(live, role)))
+        self._write(slot, _named(selfplay, lambda role, _: _at(live, role)))
 
     def _write(self, slot: int, arrays: Arrays) -> None:
         try:

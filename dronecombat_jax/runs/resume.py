@@ -216,6 +216,7 @@ def _members(run: RunDirectory, start: Start, roster: Roster) -> list[Arrays]:
     CheckpointError.
     """
     from dronecombat_jax.combat.env import Combat
+    from dronecombat_jax.learn.algorithms import algorithm_of
     from dronecombat_jax.runs.past_players import Players
 
     players = Players(run.checkpoints)
@@ -226,7 +227,10 @@ def _members(run: RunDirectory, start: Start, roster: Roster) -> list[Arrays]:
     for slot in players.damaged(roster):
         try:
             then = read_start(run, slot * start.config.train.chunk_iterations)
-            players.mend(slot, load_state(then, Combat(then.config), pools=False))
+            state = load_state(then, Combat(then.config), pools=False)
+            live = algorithm_of(then.config.learn).policy(state.learners)
+            assert state.selfplay is not None
+            players.mend(slot, state.selfplay, live)
         except UserError:
             raise fault from None
         _log.warning(

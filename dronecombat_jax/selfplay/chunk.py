@@ -15,9 +15,10 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.learn.ippo import init_learner, learn_from, without
+from dronecombat_jax.learn.algorithms import algorithm_of, learn_from, without
 from dronecombat_jax.learn.rollout import Policies, collect
 from dronecombat_jax.learn.sharding import along_environments
 from dronecombat_jax.selfplay import tally
@@ -33,6 +34,7 @@ from dronecombat_jax.selfplay.pool import (
     save_players,
 )
 from dronecombat_jax.types import (
+    DEFENDER,
     NUM_SIDES,
     Cause,
     EnvState,
@@ -66,7 +68,8 @@ def init_state(combat: Combat) -> TrainState:
         keys = jax.random.split(_key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS), NUM_SIDES)
         # One after the other: under vmap jax 0.10.1 on two cores has hung here, in about one start
         # of a hundred.
-        learners = jax.lax.map(lambda key: init_learner(key, combat.config.learn), keys)
+        learn, size = combat.config.learn, combat.observation.size
+        learners = jax.lax.map(lambda key: algorithm_of(learn).init(key, learn, size), keys)
         return TrainState(
             learners=learners,
             env=reset_fights(combat, seed, jnp.zeros((), jnp.int32)),
@@ -189,11 +192,11 @@ def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
 
 
 def waits(config: Config, iteration: jax.Array) -> jax.Array:
-    """Whether the defender does not learn in this iteration: always in `solo`, else during the
+    """Whether the defender does not learn in this iteration: always where it does not fly, else during the
     attacker's head start.
     """
     head_start = config.head_start_chunks * config.train.chunk_iterations
-    return (iteration < head_start) | (config.game.scenario == "solo")
+    return (iteration < head_start) | (not game_of(config).flies[DEFENDER])
 
 
 def summarize(
@@ -207,7 +210,7 @@ def summarize(
     defender has not crashed.
     """
     counted = tally.counted(flown, rollout)
-    down = rollout.out & ~jnp.asarray([config.game.scenario == "solo", False])
+    down = rollout.out & jnp.asarray(game_of(config).flies)
     causes = jnp.sum(
         jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * counted[..., None], axis=(0, 1)
     )

@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.config.fields import Config, SelfPlayConfig
-from dronecombat_jax.learn.rollout import Policies, policy_of, select
+from dronecombat_jax.learn.algorithms import Learners, algorithm_of
+from dronecombat_jax.learn.rollout import Policies, select
 from dronecombat_jax.selfplay.samplers import SAMPLERS, Members
 from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
     NUM_SIDES,
-    Learner,
     Outcome,
     Policy,
     Pool,
@@ -35,20 +35,20 @@ def past_roles(selfplay: SelfPlayConfig) -> tuple[int, ...]:
     ]
 
 
-def init_selfplay(config: Config, learners: Learner) -> SelfPlay | None:
+def init_selfplay(config: Config, learners: Learners) -> SelfPlay | None:
     """Empty pools with a slot for every chunk; None where no past player is ever met. `learners`
     leaves [A, ...].
     """
     if config.selfplay.probability == 0.0:
         return None
-    slots = config.num_chunks
+    slots, policy = config.num_chunks, algorithm_of(config.learn).policy
 
     def empty(role: int) -> Pool | None:
         if role not in past_roles(config.selfplay):
             return None
         policies = jax.tree.map(
             lambda leaf: jnp.zeros((slots, *leaf.shape), leaf.dtype),
-            policy_of(select(learners, role)),
+            policy(select(learners, role)),
         )
         return Pool(policies, wins=jnp.zeros(slots), games=jnp.zeros(slots))
 
@@ -57,18 +57,19 @@ def init_selfplay(config: Config, learners: Learner) -> SelfPlay | None:
     return SelfPlay(pools=(empty(DEFENDER), empty(ATTACKER)), frozen=nobody, opponent=opponent)
 
 
-def save_players(config: Config, state: SelfPlay, learners: Learner, slot: jax.Array) -> SelfPlay:
+def save_players(config: Config, state: SelfPlay, learners: Learners, slot: jax.Array) -> SelfPlay:
     """Save the live players, `learners` leaves [A, ...], in slot `slot` []; the records of wins
     fade.
 
     They were won by a learner that has moved on since.
     """
+    policy = algorithm_of(config.learn).policy
     pools = []
     for role, pool in enumerate(state.pools):
         if pool is not None:
             put = lambda leaf, new: jax.lax.dynamic_update_index_in_dim(leaf, new, slot, axis=0)
             memory = config.selfplay.memory
-            policies = jax.tree.map(put, pool.policies, policy_of(select(learners, role)))
+            policies = jax.tree.map(put, pool.policies, policy(select(learners, role)))
             pool = Pool(policies, wins=memory * pool.wins, games=memory * pool.games)
         pools.append(pool)
     return state.replace(pools=tuple(pools))
@@ -128,12 +129,13 @@ def choose(config: Config, state: SelfPlay, chunk: jax.Array, key: jax.Array) ->
     return state.replace(frozen=jnp.where(frozen, role, NOBODY), opponent=opponent)
 
 
-def players(config: Config, learners: Learner, state: SelfPlay | None) -> Policies:
+def players(config: Config, learners: Learners, state: SelfPlay | None) -> Policies:
     """Who flies: the live policies, but for the frozen role a past one.
 
     A past policy's leaves are [...] where one is met by all, and [N, ...] with scope "environment".
     """
-    live = policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
+    policy = algorithm_of(config.learn).policy
+    live = policy(select(learners, DEFENDER)), policy(select(learners, ATTACKER))
     if state is None:
         return live
     flying = list(live)
@@ -146,23 +148,16 @@ def players(config: Config, learners: Learner, state: SelfPlay | None) -> Polici
     return flying[DEFENDER], flying[ATTACKER]
 
 
-def lose_live(config: Config, learners: Learner, state: SelfPlay) -> Learner:
+def lose_live(config: Config, learners: Learners, state: SelfPlay) -> Learners:
     """`learners` after the authors' slip: in a frozen chunk the past player takes the live one's
     place for good.
 
-    Its policy and observation scaler do, that is; critic, optimiser and rates stay the live one's.
+    What else a learner has, such as a critic, stays the live one's.
     """
-    policies = players(config, learners, state)
-    network, log_std, scaler = (
-        jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
-        for parts in zip(
-            *((p.network, p.log_std, p.observation_scaler) for p in policies), strict=True
-        )
-    )
-    return learners.replace(
-        parameters=learners.parameters.replace(policy=network, log_std=log_std),
-        observation_scaler=scaler,
-    )
+    adopt = algorithm_of(config.learn).adopt
+    flying = players(config, learners, state)
+    replaced = [adopt(select(learners, role), flying[role]) for role in (DEFENDER, ATTACKER)]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *replaced)
 
 
 def met(state: SelfPlay | None, num_envs: int) -> jax.Array:

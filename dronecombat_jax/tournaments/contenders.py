@@ -13,19 +13,20 @@ import jax
 from dronecombat_jax.analysis.result import SCRIPTED, Entrant
 from dronecombat_jax.arena.players import Player
 from dronecombat_jax.combat.fingerprint import environment
+from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.scripted import PILOTS
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import build, one_line
 from dronecombat_jax.config.settings import SCHEMA
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.files import checkpoint
-from dronecombat_jax.files.arrays import Arrays, nonfinite
 from dronecombat_jax.files.manifest import CheckpointError, state_digest
 from dronecombat_jax.files.rundir import RunDirectory, find_run
-from dronecombat_jax.policies.file import as_flown, load_policy, tensors_of
+from dronecombat_jax.policies.file import load_policy, tensors_of
 from dronecombat_jax.policies.info import PolicyInfo
 from dronecombat_jax.runs.resume import newest_start
-from dronecombat_jax.types import ATTACKER, DEFENDER, MLP, SIDES, Policy, Scaler
+from dronecombat_jax.runs.saved_policies import policies_in
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Policy
 
 SCRIPTED_PREFIX = "scripted:"
 ALL = "all"
@@ -132,7 +133,7 @@ def _run(run: RunDirectory, every: int, untrained: bool) -> Found:
         try:
             saved = newest.manifest if step == newest.iteration else step  # which has been verified
             arrays, manifest = checkpoint.load(run.checkpoints, saved)
-            policies = _policies(arrays, run.checkpoints / str(step))
+            policies = policies_in(arrays, config, run.checkpoints / str(step))
             met = manifest.meta.get("environment") or environment(config)
         except CheckpointError as error:
             bad.append(error.message)
@@ -165,31 +166,7 @@ def _chosen(run: RunDirectory, config: Config, every: int, untrained: bool) -> l
 
 
 def _roles(config: Config) -> tuple[int, ...]:
-    # no defender flew in solo
-    return (ATTACKER,) if config.game.scenario == "solo" else (DEFENDER, ATTACKER)
-
-
-def _policies(arrays: Arrays, path: Path) -> Policy:
-    """The policies in a checkpoint, leaves [S, A, ...].
-
-    Raises CheckpointError where there are none that can fly.
-    """
-    layers = sum(name.startswith("learners/parameters/policy/weights/") for name in arrays)
-    each: Any = lambda part: tuple(
-        arrays[f"learners/parameters/policy/{part}/{layer}"] for layer in range(layers)
-    )
-    try:
-        scaler: Any = [
-            arrays[f"learners/observation_scaler/{part}"] for part in ("mean", "variance", "count")
-        ]
-        network: Any = MLP(each("weights"), each("biases"))
-        log_std: Any = arrays["learners/parameters/log_std"]
-    except KeyError as error:
-        raise CheckpointError(f"{path}: it holds no {error.args[0]}") from None
-    policies = Policy(network, log_std, Scaler(*scaler))
-    if wrong := nonfinite(tensors_of(policies)):
-        raise CheckpointError(f"{path} refused: NaN or infinity in {wrong}")
-    return policies
+    return tuple(role for role in (DEFENDER, ATTACKER) if game_of(config).flies[role])
 
 
 def _contender(
@@ -211,7 +188,7 @@ def _contender(
     player, identity = None, f"missing:{name}:{chunk}"
     if policies is not None:
         policy = jax.tree.map(lambda leaf: leaf[index, role].copy(), policies)
-        player = _player(as_flown(policy, config.learn), config.learn.normalize_observations)
+        player = _player(policy, config.learn.normalize_observations)
         identity = player.identity
     steps = step * config.steps_per_iteration
     return Contender(

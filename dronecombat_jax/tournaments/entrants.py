@@ -11,6 +11,7 @@ from typing import NamedTuple
 from dronecombat_jax.analysis.result import Alias, Entrant
 from dronecombat_jax.arena.players import Player
 from dronecombat_jax.combat.fingerprint import SCENE, environment, environment_diff
+from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
@@ -63,9 +64,9 @@ def read_field(
         )
     contenders = [contender for one in found for contender in one.contenders]
     config = _game(found, mjcf)
-    if config.game.scenario == "solo":
+    if not all(game_of(config).flies):
         raise UserError(
-            "these policies were trained in solo, where nobody defends: there is no fight",
+            f"these policies were trained in {config.game.scenario}, where nobody defends: there is no fight",
             EXIT_CONFIG,
         )
     notices = _other_games(contenders, config, allow_mismatch)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.scripted import PILOTS
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.fields import Config, LearnConfig
@@ -54,7 +55,7 @@ class Named(NamedTuple):
 def read_crew(named: Named) -> Crew:
     """Find and check both sides. UserError: 2 for unknown words, 3 for data or another game."""
     run, first, config = _read_words(named)
-    if config.game.scenario == "solo" and named.wanted[DEFENDER]:
+    if not game_of(config).flies[DEFENDER] and named.wanted[DEFENDER]:
         raise UserError("in a solo run the attacker flies alone: --defender has no place there")
     flyers = []
     for role, name in enumerate(SIDES):
@@ -194,7 +195,7 @@ def _wanted(named: Named, role: int, run: RunDirectory | None) -> Flyer:
 def _refuse_other_games(crew: Crew, allowed: bool) -> None:
     here = environment(crew.config)
     for role, flyer in enumerate(crew.flyers):
-        if flyer.environment is None or (role == DEFENDER and crew.config.game.scenario == "solo"):
+        if flyer.environment is None or not game_of(crew.config).flies[role]:
             continue
         lines = [one_line(line) for line in environment_diff(flyer.environment, here)]
         if lines and not allowed:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.report.replay_data import Fight, Rules, replay_data, rules_of
@@ -179,7 +180,7 @@ def _evolution(
 
 def _film(crew: Crew, filming: Filming, path: Path) -> int:
     combat = Combat(game_with_starts(crew.config, filming.spawn))
-    title = _against(crew.flyers, crew.config.game.scenario == "solo")
+    title = _against(crew.flyers, not game_of(crew.config).flies[DEFENDER])
     print(f"flying a fight and filming it: {title}", flush=True)
     (fight,) = recorder(combat, filming._replace(fights=1))(*crew.flyers)
     game = combat.config.game

@@ -12,8 +12,8 @@ from dronecombat_jax.combat.fingerprint import (
     environment,
     environment_diff,
     environment_digest,
-    observation_fields,
 )
+from dronecombat_jax.combat.observe import OBSERVATIONS
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.fields import (
     Config,
@@ -198,7 +198,7 @@ def test_what_is_missing_on_one_side_is_a_difference():
 
 
 def test_fields_of_both_observations():
-    world, ego = observation_fields("world"), observation_fields("ego")
+    world, ego = OBSERVATIONS["world"].fields, OBSERVATIONS["ego"].fields
     assert sum(size for _, size in world) == sum(size for _, size in ego) == 35
     assert [name for name, _ in world][:5] == ["p_d", "q_d", "p_a", "q_a", "p_t"]
     assert [name for name, _ in ego][:7] == [

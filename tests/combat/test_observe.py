@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dronecombat_jax.combat.observe import LAYOUT, observe_ego, observe_world
+from dronecombat_jax.combat.observe import WORLD_FIELDS, observe_ego, observe_world
 from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.scene import load_scene
 from dronecombat_jax.types import OBSERVATION_SIZE, Drones
 
 # Where each part lies, e.g. PART["p_t"].
-ENDS = np.cumsum([size for _, size in LAYOUT])
-PART = {name: slice(end - size, end) for (name, size), end in zip(LAYOUT, ENDS, strict=True)}
+ENDS = np.cumsum([size for _, size in WORLD_FIELDS])
+PART = {name: slice(end - size, end) for (name, size), end in zip(WORLD_FIELDS, ENDS, strict=True)}
 HALF = np.sqrt(0.5)
 
 world, ego = jax.jit(observe_world), jax.jit(observe_ego)
@@ -49,8 +49,8 @@ def tumbled() -> tuple[Drones, np.ndarray]:
 
 def test_layout_is_that_of_equation_5():
     names = "p_d q_d p_a q_a p_t v_d w_d v_a w_a g_d g_a"
-    assert " ".join(name for name, _ in LAYOUT) == names
-    assert [size for _, size in LAYOUT] == [3, 4, 3, 4, 3, 3, 3, 3, 3, 3, 3]
+    assert " ".join(name for name, _ in WORLD_FIELDS) == names
+    assert [size for _, size in WORLD_FIELDS] == [3, 4, 3, 4, 3, 3, 3, 3, 3, 3, 3]
     assert ENDS[-1] == OBSERVATION_SIZE == 35
 
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dronecombat_jax.combat.reward import reward_terms, total
+from dronecombat_jax.combat.games import game_of
+from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import Events
 from dronecombat_jax.config.fields import Config, GameConfig, RewardConfig
 from dronecombat_jax.types import Cause, Drones, RewardTerms
@@ -32,7 +33,7 @@ def terms_of(
     """The terms of one step in which `crashed` went down, with `out` down before."""
     crashed, out, no = np.array(crashed), np.array(out), np.array(False)
     events = Events(no, no, crashed, crashed | out, no)
-    return reward_terms(config, DRONES, TARGET, events, out, np.int32(cause))
+    return game_of(config).reward(config, DRONES, TARGET, events, out, np.int32(cause))
 
 
 def dense(share: np.ndarray | float) -> RewardTerms:

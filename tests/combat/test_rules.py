@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dronecombat_jax.combat.games import GAMES
 from dronecombat_jax.combat.rules import (
     closest_approach,
     detect,
-    judge,
     outcome_table,
     timeout_decides,
 )
@@ -86,10 +86,12 @@ def causes(game: GameConfig) -> list[str]:
     @jax.jit
     @jax.vmap
     def judged(before, after, out, clock):
-        return judge(game, detect(game, before, after, np.array(TARGET, np.float32), out, clock))
+        return GAMES[game.scenario].judge(
+            game, detect(game, before, after, np.array(TARGET, np.float32), out, clock)
+        )
 
     paths = np.array([[path_of(s.defender), path_of(s.attacker)] for s in SCENARIOS], np.float32)
-    absent = [game.scenario == "solo", False]
+    absent = GAMES[game.scenario].absent
     out = np.array([s.out for s in SCENARIOS]) | absent
     found = judged(
         paths[:, :, 0], paths[:, :, 1], out, np.array([s.clock for s in SCENARIOS], np.int32)

@@ -12,7 +12,8 @@ import pytest
 from toy import CONFIG, UNOPTIMISED, Coasting, assert_same_bits, differs
 
 from dronecombat_jax.learn import ppo
-from dronecombat_jax.learn.ippo import init_learner, learn_from, step_weights
+from dronecombat_jax.learn.algorithms import learn_from
+from dronecombat_jax.learn.ippo import init_learner, step_weights
 from dronecombat_jax.learn.normalize import init_scaler, update_scaler
 from dronecombat_jax.learn.rollout import collect, policy_of, select
 from dronecombat_jax.selfplay.chunk import reset_fights

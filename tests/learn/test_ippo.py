@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from dronecombat_jax.config.fields import Config, LearnConfig, TrainConfig
-from dronecombat_jax.learn.ippo import estimate_values, init_learner, learn_from
+from dronecombat_jax.learn.algorithms import learn_from
+from dronecombat_jax.learn.ippo import estimate_values, init_learner
 from dronecombat_jax.learn.networks import forward
 from dronecombat_jax.learn.normalize import denormalize, init_scaler, update_scaler
 from dronecombat_jax.learn.optimize import cut

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 from dronecombat_jax.config.fields import LearnConfig
-from dronecombat_jax.learn.ippo import optimize, optimizer, prepare_batch
+from dronecombat_jax.learn.ippo import prepare_batch
 from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import denormalize, init_scaler
+from dronecombat_jax.learn.optimize import optimize, optimizer
 from dronecombat_jax.types import MLP, Batch, Learner, Parameters, Scaler, UpdateMetrics
 
 GOLDEN = np.load(Path(__file__).parents[1] / "golden" / "skrl_update.npz", allow_pickle=False)

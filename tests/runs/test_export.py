@@ -199,7 +199,7 @@ def test_a_solo_run_has_no_defender(tmp_path_factory, capsys):
     )
     solo = begun(tmp_path_factory.mktemp("runs") / "solo", config, (0,))
     assert export(solo, "--role", "defender", "a.safetensors") == EXIT_CONFIG
-    assert "its defender never flew; take --role attacker" in one_error(capsys)
+    assert "its defender never flew; take the other --role" in one_error(capsys)
     assert export(solo, "a.safetensors") == 0  # one seed alone need not be named
 
 

@@ -12,7 +12,8 @@ import pytest
 from toy import CONFIG, UNOPTIMISED, Coasting, agent, assert_same_bits, build, differs
 
 from dronecombat_jax.config.fields import SelfPlayConfig
-from dronecombat_jax.learn.ippo import init_learner, learn_from
+from dronecombat_jax.learn.algorithms import learn_from
+from dronecombat_jax.learn.ippo import init_learner
 from dronecombat_jax.learn.rollout import collect, policy_of, select
 from dronecombat_jax.selfplay.chunk import reset_fights
 from dronecombat_jax.types import ATTACKER, DEFENDER, Transition

@@ -1,0 +1,86 @@
+"""How a side learns: one entry of ALGORITHMS for each way.
+
+What a learner holds is its algorithm's own business; self-play, tournaments and files know its
+policy alone. To add one, write its functions in a file beside this, name it in ALGORITHMS and among
+the choices of `config.LearnConfig.algorithm`. What does not live here: opponents (`selfplay`).
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.learn.ippo import adopt, init_learner, update_learner
+from dronecombat_jax.learn.rollout import policy_of, select
+from dronecombat_jax.types import DEFENDER, NUM_SIDES, Policy, Transition, UpdateMetrics
+
+Learners = Any  # of both sides, leaves [A, ...]
+
+
+class Algorithm(NamedTuple):
+    """Pure functions of one side; a learner is any pytree of arrays."""
+
+    # (key, settings, length of the observation) -> learner
+    init: Callable[[jax.Array, LearnConfig, int], Any]
+    # (settings, learner, rollout leaves [T, N, A, ...], side, key) -> learner, what happened
+    learn: Callable[[LearnConfig, Any, Transition, int, jax.Array], tuple[Any, UpdateMetrics]]
+    policy: Callable[[Any], Policy]  # what flies of a learner; any leading axes
+    adopt: Callable[[Any, Policy], Any]  # the learner, flying another policy from now on
+
+
+PPO = Algorithm(init=init_learner, learn=update_learner, policy=policy_of, adopt=adopt)
+ALGORITHMS: dict[str, Algorithm] = {"ppo": PPO}
+
+
+def algorithm_of(learn: LearnConfig) -> Algorithm:
+    """The algorithm that `learn.algorithm` names."""
+    return ALGORITHMS[learn.algorithm]
+
+
+def learn_from(
+    learn: LearnConfig,
+    learners: Learners,
+    rollout: Transition,
+    key: jax.Array,
+    learning: jax.Array,
+    solo_envs: int = 0,
+) -> tuple[Learners, UpdateMetrics]:
+    """Let each side that is `learning` [A] bool learn from its own part of the rollout.
+
+    A side that does not learn keeps every bit of its state. One that learns must have flown itself;
+    in the first `solo_envs` environments the defender has not.
+    """
+    results = []
+    for side in range(NUM_SIDES):
+        side_key = jax.random.fold_in(key, side)
+        own = without(solo_envs, rollout) if side == DEFENDER else rollout
+        learner = select(learners, side)
+        results.append(_learn_if(learning[side], learn, learner, own, side, side_key))
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *results)
+
+
+def without(solo_envs: int, rollout: Any) -> Any:
+    """The environments of `rollout`, leaves [T, N, ...], in which both fly: all but the first
+    `solo_envs`.
+    """
+    return jax.tree.map(lambda leaf: leaf[:, solo_envs:], rollout) if solo_envs else rollout
+
+
+def _learn_if(
+    learning: jax.Array,
+    learn: LearnConfig,
+    learner: Any,
+    rollout: Transition,
+    side: int,
+    key: jax.Array,
+) -> tuple[Any, UpdateMetrics]:
+    def update(learner: Any) -> tuple[Any, UpdateMetrics]:
+        return algorithm_of(learn).learn(learn, learner, rollout, side, key)
+
+    def skip(learner: Any) -> tuple[Any, UpdateMetrics]:
+        blank = dict.fromkeys(UpdateMetrics._fields, jnp.zeros(()))
+        return learner, UpdateMetrics(**blank | {"skipped": jnp.zeros((), jnp.int32)})
+
+    return jax.lax.cond(learning, update, skip, learner)

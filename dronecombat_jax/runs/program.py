@@ -1,8 +1,11 @@
-"""What a run's program looks like on this machine: iterations per call, devices, and what flying
-takes of it.
+"""The training program of a run on this machine: environment, devices, iterations per call.
+
+What does not live here: what an iteration does (`selfplay.chunk`), the loop over calls
+(`training`).
 """
 
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from dronecombat_jax.config import devices
@@ -13,6 +16,8 @@ from dronecombat_jax.runs.lowered import compiled
 
 if TYPE_CHECKING:
     import jax
+
+Advance = Callable[[Any], tuple[Any, Any]]
 
 # A program call is a few iterations: short enough to answer a signal within seconds on a laptop.
 MAX_CALL_ITERATIONS = 5
@@ -41,22 +46,42 @@ def call_iterations(config: Config) -> int:
     return long[0] if long and short[-1] <= 2 else short[-1]
 
 
-def flight_seconds(config: Config, state: Any) -> float:
-    """Measure once what flying alone takes of an iteration of all seeds, in s; `state` stays as it
-    is.
-    """
-    import jax
+class Program:
+    """The training program of one run: its environment, its devices, its iterations per call."""
 
-    from dronecombat_jax.combat.env import Combat
-    from dronecombat_jax.selfplay.chunk import build_flight
+    def __init__(self, config: Config):
+        """Raises UserError 2 for devices or a scene that cannot be had."""
+        from dronecombat_jax.combat.env import Combat
 
-    iterations, mesh = call_iterations(config), seed_devices(config)
-    fly = compiled(
-        "flight", config, lambda: build_flight(Combat(config), iterations, mesh), state, mesh
-    )
-    start = time.monotonic()
-    jax.block_until_ready(fly(state))
-    return (time.monotonic() - start) / iterations
+        self.config = config
+        self.combat = Combat(config)
+        self.mesh = seed_devices(config)
+        self.iterations = call_iterations(config)
+
+    def compile(self, state: Any) -> Advance:
+        """`advance(state) -> (state, metrics)`, `iterations` iterations a call, which takes the
+        memory of its argument; `state` is on its devices.
+        """
+        from dronecombat_jax.selfplay.chunk import build_advance
+
+        return self._compiled("advance", build_advance, state, donate_argnums=0)
+
+    def flight_seconds(self, state: Any) -> float:
+        """Measure once what flying alone takes of an iteration of all seeds, in s; `state` stays as
+        it is.
+        """
+        import jax
+
+        from dronecombat_jax.selfplay.chunk import build_flight
+
+        fly = self._compiled("flight", build_flight, state)
+        start = time.monotonic()
+        jax.block_until_ready(fly(state))
+        return (time.monotonic() - start) / self.iterations
+
+    def _compiled(self, name: str, build: Any, state: Any, **options: Any) -> Any:
+        make = lambda: build(self.combat, self.iterations, self.mesh)
+        return compiled(name, self.config, make, state, self.mesh, **options)
 
 
 def seed_devices(config: Config) -> "jax.sharding.Mesh | None":

@@ -7,7 +7,7 @@ stopped or killed goes on with the same command, bit for bit. Of several process
 has a run directory; all run this loop.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, nullcontext
 from typing import Any, NamedTuple
 
@@ -24,15 +24,12 @@ from dronecombat_jax.machine import processes
 from dronecombat_jax.runs import fork
 from dronecombat_jax.runs.guards import Watch, device_errors
 from dronecombat_jax.runs.keeper import Keeper, timed
-from dronecombat_jax.runs.lowered import compiled
-from dronecombat_jax.runs.program import call_iterations, flight_seconds, seed_devices
+from dronecombat_jax.runs.program import Advance, Program
 from dronecombat_jax.runs.progress import Progress, make_progress
 from dronecombat_jax.runs.provenance import check_meta
 from dronecombat_jax.runs.resume import Start, find_start, restored_state
 from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.runs.signals import StopFlag, stop_signals
-
-Advance = Callable[[Any], tuple[Any, Any]]
 
 
 class Begun(NamedTuple):
@@ -154,7 +151,7 @@ def _run(
     """Prepare, then advance until done or asked to stop; returns the exit code. Without `run`:
     write nothing.
     """
-    state, compile_program = _prepare(run, config, start, saver)
+    program, state = _prepare(run, config, start, saver)
     iteration = int(processes.on_host(state.iteration)[0])
     with ExitStack() as stack:
         with processes.together():
@@ -162,8 +159,8 @@ def _run(
             stack.enter_context(keeper or nullcontext())
         shown = saver.progress.compiling("the training program") if saver else nullcontext()
         with processes.together(), timed(keeper, "compile"), shown:
-            advance = compile_program(state)
-        iteration = _advance(config, state, iteration, advance, keeper, stop)
+            advance = program.compile(state)
+        iteration = _advance(program, state, iteration, advance, keeper, stop)
     if iteration == _last_iteration(config) and not stop:
         return 0
     if saver:
@@ -176,30 +173,24 @@ def _run(
 
 def _prepare(
     run: RunDirectory | None, config: Config, start: Start | None, saver: Saver | None
-) -> tuple[Any, Callable[[Any], Advance]]:
-    """The state to go on from, on the devices and on the disk, and a function that compiles the
-    program for it.
-    """
+) -> tuple[Program, Any]:
+    """The program of the run, and the state to go on from, on the devices and on the disk."""
     import jax
 
-    from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.combat.fingerprint import environment
-    from dronecombat_jax.selfplay.chunk import build_advance, init_state
+    from dronecombat_jax.selfplay.chunk import init_state
     from dronecombat_jax.selfplay.mesh import place
 
-    combat = Combat(config)
-    if saver:
-        saver.met = environment(config, combat.scene)
     with processes.together():
-        mesh = seed_devices(config)
+        program = Program(config)
+        combat = program.combat
         if run and saver:
+            saver.met = environment(config, combat.scene)
             state = _first_state(run, config, start, saver, combat)
         else:  # of the same shapes, to be filled by the first process
             shapes = jax.eval_shape(lambda: init_state(combat))
             state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
-    state = place(processes.from_first(state), mesh)
-    build = lambda: build_advance(combat, call_iterations(config), mesh)
-    return state, lambda state: compiled("advance", config, build, state, mesh, donate_argnums=0)
+    return program, place(processes.from_first(state), program.mesh)
 
 
 def _first_state(
@@ -228,7 +219,7 @@ def _first_state(
 
 
 def _advance(
-    config: Config,
+    program: Program,
     state: Any,
     iteration: int,
     advance: Advance,
@@ -238,20 +229,21 @@ def _advance(
     """Call the program until all is done or a stop is asked for, and save; returns the iterations
     done.
     """
+    config = program.config
     watch = Watch(config)
     stopping, flight = processes.anywhere(bool(stop)), None
     while iteration < _last_iteration(config) and not stopping:
         with timed(keeper, "program"):
             state, report = advance(state)
             report = processes.on_host(report)
-        before, iteration = iteration, iteration + call_iterations(config)
+        before, iteration = iteration, iteration + program.iterations
         reason = watch.verdict(report, before)
         # asked once: what stops the loop must also have saved
         stopping = processes.anywhere(bool(stop))
         ends_chunk = iteration % config.train.chunk_iterations == 0
         here: Any = processes.on_host(state) if ends_chunk or stopping or reason else None
         if ends_chunk and not reason:
-            flight = flight or flight_seconds(config, state)
+            flight = flight or program.flight_seconds(state)
         with processes.together():
             if keeper is not None:
                 keeper.write(report, before)

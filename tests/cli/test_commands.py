@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from drones import SMALL, write
+from refusals import refused
 
 from dronecombat_jax.cli import commands as cli
 from dronecombat_jax.cli import train
@@ -20,15 +21,6 @@ def trained(rooms, *args: str) -> Config:
     prepared, (name, config) = rooms.calls
     assert prepared == ("prepare", config.run.device, 1) and name == "train"
     return config
-
-
-def refused(capsys, *args: str, code: int = EXIT_CONFIG) -> list[str]:
-    """The lines on stderr of a command that is refused; each is an error, and stdout stays empty."""
-    assert cli.main(args) == code
-    out, err = capsys.readouterr()
-    lines = err.splitlines()
-    assert out == "" and lines and all(line.startswith("error: ") for line in lines)
-    return [line.removeprefix("error: ") for line in lines]
 
 
 # train

@@ -5,53 +5,17 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 
 import pytest
+from refusals import refused
 
-from dronecombat_jax import arena, machine, report, runs, tournaments
-from dronecombat_jax import cli as commands_room
+from dronecombat_jax import arena, report, runs, tournaments
 from dronecombat_jax.cli import commands as cli
 from dronecombat_jax.config import flags, settings
 from dronecombat_jax.config.setting import setting
-from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED, UserError
+from dronecombat_jax.errors import EXIT_CONFIG, UserError
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture(autouse=True)
-def rooms(monkeypatch, tmp_path):
-    """Stand-ins for the rooms that import JAX; `calls` lists what the commands asked of them."""
-    calls: list[tuple] = []
-
-    def stand_in(package: ModuleType, name: str, **functions) -> None:
-        module = SimpleNamespace(**functions)
-        monkeypatch.setitem(sys.modules, f"{package.__name__}.{name}", module)
-        monkeypatch.setattr(package, name, module, raising=False)
-
-    def record(name: str, code: int = 0):
-        def call(*args, **kwargs) -> int:
-            calls.append((name, *args, kwargs) if kwargs else (name, *args))
-            return code
-
-        return call
-
-    stand_in(machine, "backend", prepare=record("prepare"), cores=lambda: 2)
-    stand_in(commands_room, "doctor", doctor=record("doctor", 2), doctor_mjcf=record("doctor_mjcf"))
-    stand_in(runs, "training", train=record("train", EXIT_STOPPED))
-    match = lambda *asked: ("match", *asked)
-    stand_in(runs, "evaluation", evaluate=record("evaluate"), Match=match)
-    monkeypatch.chdir(tmp_path)
-    return SimpleNamespace(calls=calls, stand_in=stand_in)
-
-
-def refused(capsys, *args: str, code: int = EXIT_CONFIG) -> list[str]:
-    """The lines on stderr of a command that is refused; each is an error, and stdout stays empty."""
-    assert cli.main(args) == code
-    out, err = capsys.readouterr()
-    lines = err.splitlines()
-    assert out == "" and lines and all(line.startswith("error: ") for line in lines)
-    return [line.removeprefix("error: ") for line in lines]
 
 
 @pytest.mark.parametrize("args", [["--help"], ["-h"], ["help"]])

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from toy_training import COMPILING, TOY, ToyState, _report
+from toy_training import COMPILING, TOY, ToyState, report_of
 
 from dronecombat_jax.config.fields import RunConfig
 from dronecombat_jax.files import checkpoint, metrics
-from dronecombat_jax.runs import training
+from dronecombat_jax.runs import program, training
 
 
 @pytest.fixture
@@ -21,8 +21,8 @@ def toy(monkeypatch, tmp_path) -> SimpleNamespace:
     begun: list[int] = []
 
     def advance(state: ToyState):
-        done = int(state.iteration[0]) + training.call_iterations(TOY)
-        report = _report(training.call_iterations(TOY), **faults)
+        done = int(state.iteration[0]) + program.call_iterations(TOY)
+        report = report_of(program.call_iterations(TOY), **faults)
         if hook := hooks.pop(done, None):
             hook()
         return ToyState(
@@ -36,7 +36,13 @@ def toy(monkeypatch, tmp_path) -> SimpleNamespace:
             state = checkpoint.restore(run.checkpoints, start.iteration, state)
             for log in (run.metrics, run.chunks):
                 metrics.truncate_after(log, start.iteration * config.steps_per_iteration)
-        return state, compile_program
+        toy_program = SimpleNamespace(
+            config=config,
+            iterations=program.call_iterations(TOY),
+            compile=compile_program,
+            flight_seconds=lambda state: 1e-6,
+        )
+        return toy_program, state
 
     def compile_program(state):
         if hook := hooks.pop(COMPILING, None):
@@ -44,7 +50,6 @@ def toy(monkeypatch, tmp_path) -> SimpleNamespace:
         return advance
 
     monkeypatch.setattr(training, "_prepare", prepare)
-    monkeypatch.setattr(training, "flight_seconds", lambda config, state: 1e-6)
     config = replace(TOY, run=RunConfig(name="toy", directory=str(tmp_path)))
     path = tmp_path / "toy"
     return SimpleNamespace(config=config, path=path, hooks=hooks, faults=faults, begun=begun)

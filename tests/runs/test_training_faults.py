@@ -18,7 +18,7 @@ from dronecombat_jax.errors import (
     UserError,
 )
 from dronecombat_jax.files import checkpoint, metrics
-from dronecombat_jax.runs import training
+from dronecombat_jax.runs import program, training
 
 
 def test_a_disk_that_refuses_once_is_forgiven(toy, monkeypatch, capsys):
@@ -74,7 +74,7 @@ def test_some_skipped_steps_are_not_the_end(toy):
 
 def test_rows_of_bad_iterations_go_on_from_call_to_call(toy, monkeypatch):
     """Calls of one iteration: no call alone has five in a row."""
-    monkeypatch.setattr(training, "call_iterations", lambda config: 1)
+    monkeypatch.setattr(program, "call_iterations", lambda config: 1)
     toy.hooks[12] = lambda: toy.faults.update(skipped=6)
     assert "up to 17 " in refused(toy.config).message  # 13 to 17
     toy.faults.update(skipped=0, diverged=0)
@@ -88,7 +88,7 @@ def test_rows_of_bad_iterations_go_on_from_call_to_call(toy, monkeypatch):
 
 
 def test_two_iterations_of_divergence_are_logged_and_forgiven(toy, monkeypatch):
-    monkeypatch.setattr(training, "call_iterations", lambda config: 1)
+    monkeypatch.setattr(program, "call_iterations", lambda config: 1)
     for start in (12, 22):
         toy.hooks[start] = lambda: toy.faults.update(diverged=1)
         toy.hooks[start + 2] = lambda: toy.faults.update(diverged=0)

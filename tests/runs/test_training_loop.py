@@ -21,7 +21,7 @@ from dronecombat_jax.errors import (
     EXIT_STOPPED,
 )
 from dronecombat_jax.files import checkpoint, metrics
-from dronecombat_jax.runs import training
+from dronecombat_jax.runs import program, training
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1])
@@ -181,7 +181,7 @@ def test_more_steps_continue_a_finished_run(toy):
 )
 def test_a_program_call_divides_a_chunk(chunk, expected):
     config = replace(TOY, train=replace(TOY.train, chunk_iterations=chunk))
-    assert training.call_iterations(config) == expected
+    assert program.call_iterations(config) == expected
 
 
 def test_a_long_iteration_is_a_call_of_its_own_on_a_cpu():
@@ -191,4 +191,4 @@ def test_a_long_iteration_is_a_call_of_its_own_on_a_cpu():
             TOY.train, chunk_iterations=25, num_envs=10_000 // TOY.learn.rollout_steps + 1
         ),
     )
-    assert training.call_iterations(config) == 1
+    assert program.call_iterations(config) == 1

@@ -16,7 +16,7 @@ from dronecombat_jax.sim.flight import (
     split,
     wrench,
 )
-from dronecombat_jax.sim.scene import Scene, load_scene
+from dronecombat_jax.sim.scene import Scene
 
 STEPS = 100  # control steps, 2 s
 PLACES = np.array([0, 5, 1, 1, 0, 0, 0, 0, 0, 1, 1, 0, 0, 0], np.float32)
@@ -29,11 +29,6 @@ TUMBLES = np.concatenate(
 )
 KICK, STRUGGLE, STILL, ROLLING, TUMBLE = 0, 1, 2, 3, slice(4, 4 + len(TUMBLES))
 CAP = 150.0  # rad/s; above the default, as C MuJoCo has none and the struggle goes beyond 100
-
-
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return load_scene(SimConfig())
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import pytest
 from policies import make_info, make_policy
 
 from dronecombat_jax.files import tensorfile
@@ -11,11 +10,6 @@ from dronecombat_jax.policies.file import (
     tensors_of,
 )
 from dronecombat_jax.policies.info import metadata_of
-
-
-@pytest.fixture
-def path(tmp_path) -> Path:
-    return tmp_path / "attacker.safetensors"
 
 
 def write(path: Path, tensors: dict | None = None, metadata: dict | None = None) -> Path:

@@ -1,58 +1,18 @@
 """A training loop whose program is a toy."""
 
 import errno
-from collections.abc import Callable
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from flax import struct
 
-from dronecombat_jax.config.fields import Config, LearnConfig, RunConfig, TrainConfig
+from dronecombat_jax.config.fields import Config, LearnConfig, TrainConfig
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.files import checkpoint, metrics
+from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.atomic import cannot_write
 from dronecombat_jax.runs import training
 from dronecombat_jax.types import Cause, IterationMetrics, RewardTerms, UpdateMetrics
-
-
-@pytest.fixture
-def toy(monkeypatch, tmp_path) -> SimpleNamespace:
-    """`train(config)` over a program that counts; `hooks[iteration]` is called when it gets there."""
-    hooks: dict[int, Callable[[], object]] = {}
-    faults = {"skipped": 0, "diverged": 0}  # of every iteration: gradient steps, fights
-    begun: list[int] = []
-
-    def advance(state: ToyState):
-        done = int(state.iteration[0]) + training.call_iterations(TOY)
-        report = _report(training.call_iterations(TOY), **faults)
-        if hook := hooks.pop(done, None):
-            hook()
-        return ToyState(
-            iteration=np.array([done], np.int32), history=state.history * 3 + done
-        ), report
-
-    def prepare(run, config, start, saver):
-        begun.append(start.iteration if start else 0)
-        state = ToyState(iteration=np.zeros(1, np.int32), history=np.ones(3, np.uint64))
-        if start is not None:
-            state = checkpoint.restore(run.checkpoints, start.iteration, state)
-            for log in (run.metrics, run.chunks):
-                metrics.truncate_after(log, start.iteration * config.steps_per_iteration)
-        return state, compile_program
-
-    def compile_program(state):
-        if hook := hooks.pop(COMPILING, None):
-            hook()
-        return advance
-
-    monkeypatch.setattr(training, "_prepare", prepare)
-    monkeypatch.setattr(training, "flight_seconds", lambda config, state: 1e-6)
-    config = replace(TOY, run=RunConfig(name="toy", directory=str(tmp_path)))
-    path = tmp_path / "toy"
-    return SimpleNamespace(config=config, path=path, hooks=hooks, faults=faults, begun=begun)
-
 
 TOY = Config(
     learn=LearnConfig(rollout_steps=6, epochs=2, minibatches=3),
@@ -71,7 +31,7 @@ class ToyState(struct.PyTreeNode):
     selfplay: None = None
 
 
-def _report(iterations: int, skipped: int, diverged: int) -> IterationMetrics:
+def report_of(iterations: int, skipped: int, diverged: int) -> IterationMetrics:
     zeros = np.zeros((1, iterations, 2), np.float32)
     learners = UpdateMetrics(*[zeros] * len(UpdateMetrics._fields))._replace(
         skipped=np.array([[[0, skipped]] * iterations])

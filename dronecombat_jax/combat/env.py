@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.combat.observe import OBSERVATIONS
+from dronecombat_jax.combat.observe import observation_of
 from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import detect, forfeit, timeout_decides
 from dronecombat_jax.config.fields import Config
@@ -39,7 +39,7 @@ class Combat:
         self.config = config
         self.scene = scene or load_scene(config.sim)
         self.game = game_of(config)
-        self.observation = OBSERVATIONS[config.game.observation]
+        self.observation = observation_of(config)
 
     @cached_property
     def _fly(self) -> Step:

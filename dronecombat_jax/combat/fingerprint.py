@@ -8,7 +8,7 @@ import hashlib
 import json
 from typing import TYPE_CHECKING, Any
 
-from dronecombat_jax.combat.observe import OBSERVATIONS
+from dronecombat_jax.combat.observe import observation_of
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import flatten
 from dronecombat_jax.config.settings import SCHEMA
@@ -45,7 +45,7 @@ def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
         and key not in (*_TRAINING_ONLY, *_PLACES)
         and values[key] != _LATER.get(key)
     ]
-    fields = [list(field) for field in OBSERVATIONS[config.game.observation].fields]
+    fields = [list(field) for field in observation_of(config).fields]
     return {
         "version": ENVIRONMENT_VERSION,
         "observation_fields": fields,

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from dronecombat_jax.combat.reward import reward_terms
 from dronecombat_jax.combat.rules import Events, judge
 from dronecombat_jax.config.fields import Config, GameConfig
+from dronecombat_jax.config.own import chosen
 from dronecombat_jax.types import Drones, RewardTerms
 
 Judge = Callable[[GameConfig, Events], jax.Array]
@@ -60,4 +61,4 @@ GAMES: dict[str, Game] = {"duel": DUEL, "solo": SOLO}
 
 def game_of(config: Config) -> Game:
     """The game that `game.scenario` names."""
-    return GAMES[config.game.scenario]
+    return chosen(GAMES, config.game.scenario)

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.own import chosen
 from dronecombat_jax.sim.rotation import conjugate, multiply, rotate, rotate_inverse
 from dronecombat_jax.types import NUM_AGENTS, Drones
 
@@ -89,3 +91,8 @@ OBSERVATIONS: dict[str, Observation] = {
     "world": Observation(WORLD_FIELDS, observe_world),
     "ego": Observation(EGO_FIELDS, observe_ego),
 }
+
+
+def observation_of(config: Config) -> Observation:
+    """The observation that `game.observation` names."""
+    return chosen(OBSERVATIONS, config.game.observation)

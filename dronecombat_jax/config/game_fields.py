@@ -45,7 +45,7 @@ class GameConfig:
     """Rules of the fight: start, events and what ends it."""
 
     scenario: Literal["duel", "solo"] = setting(
-        "duel", "duel: both fight; solo: the attacker alone, the defender is absent"
+        "duel", "duel: both fight; solo: the attacker alone, the defender is absent", own=True
     )
     spawn: Literal["fixed", "uniform"] = setting(
         "fixed", "start positions: three points, or uniform in [-5, 5]^2"
@@ -99,7 +99,9 @@ class GameConfig:
         "draw", "who wins at time-out: nobody, or the defender (the attacker has failed)"
     )
     observation: Literal["world", "ego"] = setting(
-        "world", "world: eq. 5 for both agents; ego: the same in the observing drone's own frame"
+        "world",
+        "world: eq. 5 for both agents; ego: the same in the observing drone's own frame",
+        own=True,
     )
     random_clock: bool = setting(True, "draw the episode clock uniformly at a run's first reset")
 

@@ -11,6 +11,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+from dronecombat_jax.config.own import OWN
+
 MAX_TEXT = 1000
 MAX_LAYERS = 16
 _SHOWN = 80
@@ -29,6 +31,7 @@ class Setting:
     high: float | None
     low_open: bool
     choices: tuple[str, ...]
+    own: bool = False  # MODULE:NAME is a choice, too
 
     @property
     def allowed(self) -> str:
@@ -36,7 +39,8 @@ class Setting:
         if self.kind == "bool":
             return "true or false"
         if self.kind == "choice":
-            return "one of " + ", ".join(self.choices)
+            more = ", or MODULE:NAME of your own" if self.own else ""
+            return "one of " + ", ".join(self.choices) + more
         if self.kind == "str":
             return f"text on one line, at most {MAX_TEXT} characters"
         if self.kind == "ints":
@@ -56,7 +60,7 @@ class Setting:
         if self.kind == "bool":
             return None if isinstance(value, bool) else fault
         if self.kind == "choice":
-            return None if isinstance(value, str) and value in self.choices else fault
+            return None if isinstance(value, str) and self._is_choice(value) else fault
         if self.kind == "str":
             fine = isinstance(value, str) and len(value) <= MAX_TEXT and value.isprintable()
             return None if fine else fault
@@ -80,6 +84,9 @@ class Setting:
         if self.kind in ("int", "float"):
             return _number(text, int if self.kind == "int" else float)
         return str(text)
+
+    def _is_choice(self, value: str) -> bool:
+        return value in self.choices or (self.own and bool(OWN.fullmatch(value)))
 
     def _number_fits(self, value: Any, kind: type) -> bool:
         if isinstance(value, bool) or not isinstance(value, int if kind is int else int | float):
@@ -185,6 +192,7 @@ def _setting(key: str, hint: Any, item: dataclasses.Field) -> Setting:
         data["high"],
         data["low_open"],
         choices,
+        data["own"],
     )
 
 

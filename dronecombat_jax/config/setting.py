@@ -12,12 +12,21 @@ def setting(
     low: float | None = None,
     high: float | None = None,
     low_open: bool = False,
+    own: bool = False,
 ) -> Any:
     """A dataclass field with the metadata that validation, `--help` and the docs read.
 
     `low` and `high` are inclusive bounds (`low_open`: `low` itself is excluded).
+    `own`: besides the choices, MODULE:NAME of the user's own (`own`).
     """
     return field(
         default=default,
-        metadata={"doc": doc, "unit": unit, "low": low, "high": high, "low_open": low_open},
+        metadata={
+            "doc": doc,
+            "unit": unit,
+            "low": low,
+            "high": high,
+            "low_open": low_open,
+            "own": own,
+        },
     )

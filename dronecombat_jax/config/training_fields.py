@@ -13,7 +13,7 @@ from dronecombat_jax.config.setting import setting
 class LearnConfig:
     """IPPO: two independent PPO learners that share nothing (eq. 13-18)."""
 
-    algorithm: Literal["ppo"] = setting("ppo", "how each side learns (learn.algorithms)")
+    algorithm: Literal["ppo"] = setting("ppo", "how each side learns (learn.algorithms)", own=True)
     hidden_sizes: tuple[int, ...] = setting(
         (256, 128), "hidden units of policy and value networks", low=1, high=8192
     )
@@ -119,7 +119,7 @@ class SelfPlayConfig:
         "who meets the past of the other: the defender (paper), the attacker, or in turn by lot both",
     )
     sampler: Literal["uniform", "latest", "delta_uniform", "pfsp_hard", "pfsp_variance"] = setting(
-        "uniform", "how past opponents are drawn from the pool (selfplay.samplers)"
+        "uniform", "how past opponents are drawn from the pool (selfplay.samplers)", own=True
     )
     scope: Literal["chunk", "environment"] = setting(
         "chunk", "one past opponent for a whole chunk (paper), or one drawn for each environment"

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.config.own import chosen
 from dronecombat_jax.learn.ippo import adopt, init_learner, update_learner
 from dronecombat_jax.learn.rollout import policy_of, select
 from dronecombat_jax.types import DEFENDER, NUM_SIDES, Policy, Transition, UpdateMetrics
@@ -36,7 +37,7 @@ ALGORITHMS: dict[str, Algorithm] = {"ppo": PPO}
 
 def algorithm_of(learn: LearnConfig) -> Algorithm:
     """The algorithm that `learn.algorithm` names."""
-    return ALGORITHMS[learn.algorithm]
+    return chosen(ALGORITHMS, learn.algorithm)
 
 
 def learn_from(

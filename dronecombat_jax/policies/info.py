@@ -137,6 +137,9 @@ def _environment(metadata: dict[str, str]) -> dict[str, Any]:
         # what other metadata are made from
         if fault := SCHEMA[key].problem(game.get(key)):
             raise ValueError(f"metadata environment: {key} = {shown(game.get(key))}: {fault}")
+    if (seen := game["game.observation"]) not in OBSERVATIONS:  # a file never names code to run
+        known = ", ".join(OBSERVATIONS)
+        raise ValueError(f"metadata environment: game.observation = {shown(seen)}: not {known}")
     return game
 
 

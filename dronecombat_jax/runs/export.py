@@ -54,6 +54,12 @@ def policy_of_run(
 ) -> tuple[Policy, PolicyInfo]:
     """One policy of a run (NumPy leaves) and where it comes from."""
     config = run.config
+    if config.game.observation not in OBSERVATIONS:
+        raise UserError(
+            f"{directory.path} sees by {config.game.observation}: a file is for "
+            f"{' or '.join(OBSERVATIONS)} alone, which others can fly",
+            EXIT_CONFIG,
+        )
     if not game_of(config).flies[SIDES.index(role)]:
         raise UserError(
             f"{directory.path} is a {config.game.scenario} run: its {role} never flew; take the other --role",

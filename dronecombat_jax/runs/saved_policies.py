@@ -10,7 +10,7 @@ from typing import Any
 
 import jax
 
-from dronecombat_jax.combat.observe import OBSERVATIONS
+from dronecombat_jax.combat.observe import observation_of
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.files.arrays import Arrays, nonfinite, paths, unflatten
 from dronecombat_jax.files.manifest import CheckpointError
@@ -24,7 +24,7 @@ def policies_in(arrays: Arrays, config: Config, path: Path) -> Policy:
 
     Raises CheckpointError where there are none that can fly.
     """
-    template = _learner(config.learn, OBSERVATIONS[config.game.observation].size)
+    template = _learner(config.learn, observation_of(config).size)
     try:
         leaves = [arrays[name] for name, _ in paths({"learners": template})]
     except KeyError as error:

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.config.fields import Config, SelfPlayConfig
+from dronecombat_jax.config.own import chosen
 from dronecombat_jax.learn.algorithms import Learners, algorithm_of
 from dronecombat_jax.learn.rollout import Policies, select
 from dronecombat_jax.selfplay.samplers import SAMPLERS, Members
@@ -96,7 +97,7 @@ def draw(
     Where all weights are 0 (nobody is worth meeting), every member is as good.
     """
     slot = jnp.arange(pool.games.shape[0], dtype=jnp.int32)
-    weights = SAMPLERS[selfplay.sampler](Members(slot, filled, win_rates(pool)), selfplay)
+    weights = chosen(SAMPLERS, selfplay.sampler)(Members(slot, filled, win_rates(pool)), selfplay)
     weights = jnp.where(slot < filled, weights, 0.0)
     weights = jnp.where(jnp.any(weights > 0.0), weights, (slot < filled).astype(jnp.float32))
     return jax.random.categorical(key, jnp.log(weights), shape=shape).astype(jnp.int32)

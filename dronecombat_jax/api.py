@@ -1,0 +1,113 @@
+"""What a Python program or a notebook needs: `from dronecombat_jax import train, load_run, ...`.
+
+The same as the commands, with Python's values. Raises UserError where a command would print a line.
+What does not live here: the work itself; these functions call the other rooms.
+"""
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dronecombat_jax.config import devices, settings
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.errors import EXIT_STOPPED, EXIT_TOURNAMENT
+from dronecombat_jax.files.rundir import find_run, run_path
+from dronecombat_jax.machine import backend
+
+if TYPE_CHECKING:
+    from dronecombat_jax.analysis.result import TournamentResult
+    from dronecombat_jax.policies.file import SavedPolicy
+    from dronecombat_jax.runs.evaluation import SavedRun
+
+
+def load_config(preset: str = "duel", changes: Mapping[str, Any] | None = None) -> Config:
+    """The settings of a preset or a TOML file, with `changes` by dotted key.
+
+    Such as `load_config("duel", {"train.seed": 3, "train.total_steps": 5_000_000})`. Raises
+    UserError with a line for each mistake.
+    """
+    return settings.load(preset, dict(changes or {}))
+
+
+def prepare(device: str = "auto", cpu_devices: int = 1) -> None:
+    """Settle what JAX and MuJoCo read from the environment; nothing where JAX is already there.
+
+    Every function here calls it. `cpu_devices`: how many devices a CPU pretends to be.
+    """
+    if "jax" not in sys.modules:
+        backend.prepare(device, cpu_devices)
+
+
+def train(
+    config: Config | str = "duel", changes: Mapping[str, Any] | None = None, *, finish: bool = True
+) -> Path:
+    """Train, or go on with, a run, as `dronecombat train`; returns the run's directory.
+
+    `config`: settings, or a preset's name. `changes`: settings by dotted key. `finish`: also draw,
+    evaluate and film. A run that is stopped is saved, and raises KeyboardInterrupt; the same call
+    goes on. Raises UserError: 2 for settings, 3 for checkpoints, 4 where training diverged, 73 for
+    the disk.
+    """
+    preset = config if isinstance(config, str) else "custom"
+    whole = load_config(config, changes) if isinstance(config, str) else config
+    whole = replace(whole, run=replace(whole.run, name=settings.run_name(whole, preset)))
+    prepare(
+        whole.run.device, devices.spread(whole.train.num_seeds, whole.run.devices, backend.cores())
+    )
+    from dronecombat_jax.runs import training
+    from dronecombat_jax.watch.finish import finish as draw
+
+    if training.train(whole) == EXIT_STOPPED:
+        raise KeyboardInterrupt("stopped and saved; the same call goes on")
+    if finish:
+        draw(whole)
+    return Path(whole.run.directory) / whole.run.name
+
+
+def load_run(run: Path | str, chunk: int | None = None) -> "SavedRun":
+    """A run's settings, environment and state after `chunk` chunks (0: untrained, None: newest).
+
+    `run`: its directory, or its name in runs/. Raises UserError 3 where it cannot be read.
+    """
+    prepare()
+    from dronecombat_jax.runs import evaluation
+
+    return evaluation.load_run(find_run(str(run)), chunk)
+
+
+def load_policy(path: Path | str) -> "SavedPolicy":
+    """A policy file (.safetensors): `policy`, NumPy leaves, and `info`. Raises UserError 3."""
+    prepare()
+    from dronecombat_jax.policies import file
+
+    return file.load_policy(Path(path))
+
+
+def tournament(
+    entrants: Sequence[Path | str],
+    *,
+    episodes: int = 5,
+    seed: int = 0,
+    name: str = "",
+    every: int = 1,
+    root: str = "tournaments",
+) -> "TournamentResult":
+    """Fly, or go on with, the round robin of all attackers against all defenders.
+
+    `entrants`: runs, policy files, `scripted:NAME` or `scripted:all`; `episodes`: fights of a pair;
+    `every`: of a run every n-th chunk, and the last. Its folder is `root`/`name`. Raises UserError,
+    and KeyboardInterrupt where it was stopped: the same call goes on.
+    """
+    prepare()
+    from dronecombat_jax.arena.rectangle import Rules
+    from dronecombat_jax.tournaments import tournament as flown
+    from dronecombat_jax.tournaments.result_file import load_result
+
+    words = [str(word) for word in entrants]
+    name = name or flown.default_name(words)
+    code = flown.tournament(words, Rules(episodes, seed), name=name, every=every, root=root)
+    if code not in (0, EXIT_TOURNAMENT):
+        raise KeyboardInterrupt("stopped and saved; the same call goes on")
+    return load_result(run_path(root, name))

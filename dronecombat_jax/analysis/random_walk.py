@@ -45,9 +45,8 @@ class Timeline(NamedTuple):
 def timelines(result: TournamentResult) -> tuple[Timeline, ...]:
     """The timelines of all runs in a tournament, both roles; scripted pilots are in none.
 
-    Its time stands still while a policy is saved again unchanged, so that what is learnt in one
-    chunk afterwards is one step of the walk. A policy that two runs share is on the timeline of the
-    first.
+    A timeline counts a policy once, however many chunks saved it unchanged. So one step of the walk
+    is what one chunk has learnt. A policy that two runs share is on the timeline of the first.
     """
     chains, taken = [], set()
     for first, side in ((0, result.defenders), (len(result.defenders), result.attackers)):

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 # Raise it where physics, rules or observation change while the settings stay as they are.
 ENVIRONMENT_VERSION = 1
-# Settings that came later: at these values the game is the one before them, and keeps its digest.
+# Settings that came later. With these values the game is what it was without them, so they are left
+# out, and the digest stays the same.
 _LATER = {"game.spawn_spread": 0.0, "game.defender_spread": 0.0}
 # The clock of a training run's first fights: no fight between trained policies begins with it.
 _TRAINING_ONLY = ("game.random_clock",)

@@ -58,8 +58,9 @@ def forward_columns(mlp: MLP, x: jax.Array) -> jax.Array:
 
 @jax.custom_vjp
 def elu(x: jax.Array) -> jax.Array:
-    """x above 0, exp(x) - 1 below; float32. Its slope is taken from its output: no second
-    exponential on the way back.
+    """x above 0, exp(x) - 1 below; float32.
+
+    The gradient is computed from the output, so the backward pass needs no second exponential.
     """
     return jnp.where(x > 0.0, x, _expm1_below_zero(x))
 

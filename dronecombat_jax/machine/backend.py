@@ -83,9 +83,10 @@ def require_start() -> None:
 
 
 def set_matmul_precision(precision: str) -> None:
-    """Of float32 matrix products, as JAX names it, unless the user has set it; before `prepare`.
-    Slower and faster ones differ on a GPU (Ampere and later: TensorFloat-32) and on a TPU
-    (bfloat16).
+    """Set the precision of float32 matrix products; call it before `prepare`.
+
+    `precision` is one of JAX's names. A precision that the user has set in the environment stays.
+    It makes a difference on a GPU (Ampere and later: TensorFloat-32) and on a TPU (bfloat16).
     """
     if precision != "default" and "JAX_DEFAULT_MATMUL_PRECISION" not in os.environ:
         _set("JAX_DEFAULT_MATMUL_PRECISION", precision)

@@ -76,5 +76,5 @@ class Keeper:
 
 
 def timed(keeper: Keeper | None, what: str) -> AbstractContextManager[None]:
-    """The block's seconds count as `what` (`ChunkLog.timed`), where anybody keeps them."""
+    """Count the block's seconds as `what` (`ChunkLog.timed`); without a keeper, nothing is counted."""
     return nullcontext() if keeper is None else keeper.chunks.timed(what)

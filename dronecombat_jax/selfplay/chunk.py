@@ -101,10 +101,10 @@ def build_advance(
 def build_flight(
     combat: Combat, iterations: int, mesh: jax.sharding.Mesh | None = None
 ) -> Callable[[TrainState], tuple[TrainState, Transition]]:
-    """Return a function like `advance` that flies and does not learn: what is left is the
-    learning's time.
+    """Return a function like `advance` that flies and does not learn.
 
-    Instead of metrics it returns the sums of what was collected, so that all of it is computed.
+    The difference of both times is the time of learning. Instead of metrics the function returns
+    the sums of what was collected, so that XLA leaves nothing out.
     """
 
     def fly(state: TrainState) -> tuple[TrainState, Transition]:

@@ -150,10 +150,10 @@ def players(config: Config, learners: Learners, state: SelfPlay | None) -> Polic
 
 
 def lose_live(config: Config, learners: Learners, state: SelfPlay) -> Learners:
-    """`learners` after the authors' slip: in a frozen chunk the past player takes the live one's
-    place for good.
+    """`learners` after a frozen chunk in the authors' script, which loses the live player: from
+    then on the past player learns in its place.
 
-    What else a learner has, such as a critic, stays the live one's.
+    Only the policy is replaced. A critic, for example, stays that of the live player.
     """
     adopt = algorithm_of(config.learn).adopt
     flying = players(config, learners, state)

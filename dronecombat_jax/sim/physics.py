@@ -1,5 +1,4 @@
-"""One timestep of both drones in MJX, without the phases that are nothing for two free rigid
-bodies.
+"""One timestep of both drones in MJX. Two free rigid bodies need only some phases of `mjx.step`.
 
 What does not live here: the models (`scene`), the forces and the substeps (`flight`).
 """

@@ -85,7 +85,7 @@ def record_flights(
             or isinstance(attacker.pilot, str)
         ):
             continue
-        if pair not in known:  # what a chunk left alone flies as before
+        if pair not in known:  # a policy that a chunk did not change flies as before
             told = fly((defender.normalize, attacker.normalize), defender.pilot, attacker.pilot)
             known[pair] = flight(jax.device_get(told), combat.config.control_dt)
         flown.append(_summary(one, known[pair]))

@@ -1,6 +1,7 @@
 """What every test shares: the environment is settled before JAX starts, programs are compiled once."""
 
 import os
+import signal
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +11,15 @@ from dronecombat_jax.machine import backend
 
 os.environ.setdefault("DRONECOMBAT_CACHE", str(Path(__file__).parents[1] / ".cache"))
 os.environ.pop("MPLBACKEND", None)  # a notebook's: no test opens a window
+# Programs are compiled often here and run briefly: LLVM's optimisation costs more than it brings.
+LITTLE_OPTIMISATION = (
+    "--xla_backend_optimization_level=0",
+    "--xla_llvm_disable_expensive_passes=true",
+)
+os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *LITTLE_OPTIMISATION]).strip()
+# A shell's background job ignores Ctrl-C, and so would every program that a test starts.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 backend.prepare("cpu")
 
 

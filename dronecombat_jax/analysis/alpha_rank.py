@@ -6,7 +6,7 @@ is never formed.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ class AlphaRank(NamedTuple):
 
 
 def alpha_rank(
-    scores: NDArray, alpha: float = 10.0, population: int = 50, tolerance: float = 1e-12
+    scores: NDArray[Any], alpha: float = 10.0, population: int = 50, tolerance: float = 1e-12
 ) -> AlphaRank:
     """Rank by M = `scores` [D, A], the defender's mean scores; the attacker's are 1 - M.
 
@@ -49,7 +49,7 @@ def alpha_rank(
         block[:, np.arange(block.shape[1]), np.arange(block.shape[1])] = 0.0
     leaving = defender_moves.sum(axis=2).T + attacker_moves.sum(axis=2)
 
-    def step(flat: NDArray) -> NDArray:
+    def step(flat: NDArray[Any]) -> NDArray[Any]:
         mass = flat.reshape(size)
         arriving = np.matmul(mass.T[:, None, :], defender_moves)[:, 0, :].T
         arriving = arriving + np.matmul(mass[:, None, :], attacker_moves)[:, 0, :]
@@ -67,7 +67,7 @@ def alpha_rank(
     return AlphaRank(profile, profile.sum(axis=1), profile.sum(axis=0), residual)
 
 
-def _fixation(gain: NDArray, alpha: float, population: int) -> NDArray[np.float64]:
+def _fixation(gain: NDArray[Any], alpha: float, population: int) -> NDArray[np.float64]:
     """Probability that one mutant with `gain` takes over; 1 / population without gain."""
     u = np.clip(alpha * gain, -700.0 / population, 700.0 / population)
     neutral = np.abs(u) < 1e-12
@@ -76,15 +76,15 @@ def _fixation(gain: NDArray, alpha: float, population: int) -> NDArray[np.float6
 
 
 class _Chain(LinearOperator):
-    def __init__(self, step: Callable[[NDArray], NDArray], size: int):
+    def __init__(self, step: Callable[[NDArray[Any]], NDArray[Any]], size: int):
         super().__init__(np.dtype(float), (size, size))
         self._step = step
 
-    def _matvec(self, x: NDArray) -> NDArray:
+    def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:
         return self._step(x)
 
 
-def _krylov(step: Callable[[NDArray], NDArray], size: int) -> NDArray[np.float64]:
+def _krylov(step: Callable[[NDArray[Any]], NDArray[Any]], size: int) -> NDArray[np.float64]:
     """An approximate fixed point of `step` on [size], or the uniform distribution where Arnoldi's
     method finds none.
     """

@@ -94,11 +94,11 @@ def _drones(values: Any, width: int) -> NDArray[np.float64]:
     return values.reshape(*values.shape[:-1], 2, width)[..., :3]
 
 
-def _dot(one: NDArray, other: NDArray) -> NDArray:
+def _dot(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
     return np.sum(one * other, axis=-1)
 
 
-def _angle(one: NDArray, other: NDArray) -> NDArray[np.float64]:
+def _angle(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float64]:
     norms = np.linalg.norm(one, axis=-1) * np.linalg.norm(other, axis=-1)
     cosine = np.clip(_dot(one, other) / np.where(norms > 0, norms, 1.0), -1.0, 1.0)
     return np.where(norms > 0, np.arccos(cosine), np.nan)

@@ -11,7 +11,7 @@ player it moves a rating by a thousandth.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,7 @@ class Ratings(NamedTuple):
 
 
 def bradley_terry(
-    wins: NDArray, losses: NDArray, draws: NDArray, prior_sd: float | None = PRIOR_SD
+    wins: NDArray[Any], losses: NDArray[Any], draws: NDArray[Any], prior_sd: float | None = PRIOR_SD
 ) -> Ratings:
     """Rate D defenders and A attackers by fights counted in three [D, A] from the defender's side;
     0 where not played.
@@ -68,7 +68,7 @@ def bradley_terry(
 
 
 def davidson(
-    wins: NDArray, losses: NDArray, draws: NDArray, prior_sd: float | None = PRIOR_SD
+    wins: NDArray[Any], losses: NDArray[Any], draws: NDArray[Any], prior_sd: float | None = PRIOR_SD
 ) -> Ratings:
     """As `bradley_terry`, with draws as outcomes of their own (Davidson 1970)."""
     design = design_of(wins, losses, draws)
@@ -107,12 +107,12 @@ def prior_precision(design: Design, prior_sd: float | None) -> NDArray[np.float6
 
 
 def describe(
-    theta: NDArray,
-    covariance: NDArray,
+    theta: NDArray[Any],
+    covariance: NDArray[Any],
     design: Design,
-    log_win: Callable,
-    won: NDArray,
-    lost: NDArray,
+    log_win: Callable[..., Any],
+    won: NDArray[Any],
+    lost: NDArray[Any],
 ) -> Ratings:
     """Strengths [P] and their covariance as points in the gauge, with intervals; `log_win(x)` is
     the model's.
@@ -154,7 +154,9 @@ def contrast(ratings: Ratings, one: int, other: int) -> tuple[float, float]:
     return float(sign @ ratings.rating), float(np.sqrt(max(sign @ ratings.covariance @ sign, 0.0)))
 
 
-def _closed_end(opponents: NDArray, games: NDArray, log_win: Callable, sign: int = 1) -> float:
+def _closed_end(
+    opponents: NDArray[Any], games: NDArray[Any], log_win: Callable[..., Any], sign: int = 1
+) -> float:
     """The rating, points, at which winning all `games` against `opponents` has the probability of
     one tail.
     """
@@ -165,7 +167,7 @@ def _closed_end(opponents: NDArray, games: NDArray, log_win: Callable, sign: int
     )
 
 
-def _dispersion(won: NDArray, lost: NDArray, x: NDArray, design: Design) -> float:
+def _dispersion(won: NDArray[Any], lost: NDArray[Any], x: NDArray[Any], design: Design) -> float:
     games, rate = won + lost, expit(x)
     variance = np.maximum(games * rate * expit(-x), 1e-300)
     freedom = np.sum(games > 0) - len(design.bound) + len(np.unique(design.component))

@@ -7,7 +7,7 @@ the final one.
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +80,7 @@ def compare_methods(
     return [one._replace(verdict=_verdict(one)) for one in told]
 
 
-def welch(first: NDArray, second: NDArray, level: float = LEVEL) -> Welch:
+def welch(first: NDArray[Any], second: NDArray[Any], level: float = LEVEL) -> Welch:
     """Welch's interval for the difference of the means of `first` [n] and `second` [m]."""
     first, second = np.asarray(first, float), np.asarray(second, float)
     difference = float(first.mean() - second.mean())
@@ -96,7 +96,7 @@ def welch(first: NDArray, second: NDArray, level: float = LEVEL) -> Welch:
     return Welch(difference, error, float(freedom), difference - reach, difference + reach)
 
 
-def equivalence(first: NDArray, second: NDArray, margin: float = MARGIN) -> float:
+def equivalence(first: NDArray[Any], second: NDArray[Any], margin: float = MARGIN) -> float:
     """p-value that the means differ by less than `margin`: the larger of two one-sided Welch tests
     (TOST).
     """
@@ -145,7 +145,7 @@ def pigeonhole_interval(
     return float(centre - reach), float(centre + reach)
 
 
-def elo_of_score(score: NDArray, fights: NDArray) -> NDArray[np.float64]:
+def elo_of_score(score: NDArray[Any], fights: NDArray[Any]) -> NDArray[np.float64]:
     """The rating above its opponents' that explains a mean `score`, points.
 
     Half a fight keeps 0 and 1 finite. An adjusted score may pass these ends, and counts as the end.

@@ -8,7 +8,7 @@ cell (strengths of sd 0.75 in log-odds; more where they lie closer), so it is co
 parametric bootstrap.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,14 +35,14 @@ class CyclicShare(NamedTuple):
     draws: int  # of the bootstrap
 
 
-def score_logits(won: NDArray, lost: NDArray) -> NDArray[np.float64]:
+def score_logits(won: NDArray[Any], lost: NDArray[Any]) -> NDArray[np.float64]:
     """Empirical logits [...] of won and lost fights, draws half in each: log((won + 1/2) / (lost +
     1/2)), finite.
     """
     return np.log((won + 0.5) / (lost + 0.5))
 
 
-def split_logits(logits: NDArray) -> tuple[NDArray, NDArray]:
+def split_logits(logits: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """The additive part without its mean and the cyclic part E of `logits` [..., D, A]; they are
     orthogonal.
     """
@@ -52,7 +52,11 @@ def split_logits(logits: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def cyclic_share(
-    wins: NDArray, losses: NDArray, draws: NDArray, bootstrap: int = 400, seed: int = 0
+    wins: NDArray[Any],
+    losses: NDArray[Any],
+    draws: NDArray[Any],
+    bootstrap: int = 400,
+    seed: int = 0,
 ) -> CyclicShare:
     """The cyclic share of fights [D, A] counted from the defender's side; every cell must have been
     played.
@@ -96,7 +100,11 @@ class _Null(NamedTuple):
 
 
 def _bootstrap(
-    wins: NDArray, losses: NDArray, draws: NDArray, num: int, rng: np.random.Generator
+    wins: NDArray[Any],
+    losses: NDArray[Any],
+    draws: NDArray[Any],
+    num: int,
+    rng: np.random.Generator,
 ) -> _Null:
     games = (wins + losses + draws).astype(int)
     fitted = bradley_terry(wins, losses, draws)
@@ -116,7 +124,7 @@ def _bootstrap(
     return _Null(energy, strength, float(np.sum(split_logits(x)[0] ** 2)), misfit, observed)
 
 
-def _misfit(excess: NDArray, variance: NDArray, covariance: NDArray) -> float:
+def _misfit(excess: NDArray[Any], variance: NDArray[Any], covariance: NDArray[Any]) -> float:
     """Pearson's chi^2 of what was won in `excess` [D, A], less what one Newton step of the
     strengths would explain.
     """
@@ -124,6 +132,6 @@ def _misfit(excess: NDArray, variance: NDArray, covariance: NDArray) -> float:
     return float(np.sum(excess**2 / variance) - slope @ covariance @ slope)
 
 
-def _two(points: NDArray) -> NDArray[np.float64]:
+def _two(points: NDArray[Any]) -> NDArray[np.float64]:
     """`points` [N, K <= 2] with the missing columns as zeros."""
     return np.pad(points, ((0, 0), (0, 2 - points.shape[1])))

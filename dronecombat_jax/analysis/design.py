@@ -3,7 +3,7 @@
 Players are numbered defenders first, then attackers: P = D + A.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,9 @@ class Design(NamedTuple):
     games: NDArray[np.float64]  # [P]
 
 
-def design_of(wins: NDArray, losses: NDArray, draws: NDArray | None = None) -> Design:
+def design_of(
+    wins: NDArray[Any], losses: NDArray[Any], draws: NDArray[Any] | None = None
+) -> Design:
     """Examine the fights of D defenders with A attackers, counted from the defender's side in three
     [D, A].
 
@@ -59,7 +61,7 @@ def design_of(wins: NDArray, losses: NDArray, draws: NDArray | None = None) -> D
 
 
 def _bounds(
-    graph: csr_array, beats: NDArray, members: NDArray, group: NDArray
+    graph: csr_array, beats: NDArray[Any], members: NDArray[Any], group: NDArray[Any]
 ) -> NDArray[np.integer]:
     names, sizes = np.unique(group, return_counts=True)
     largest = names[sizes == sizes.max()]

@@ -4,7 +4,7 @@ Its spread over orders never shrinks with more fights: about 9.3 sqrt(K) points.
 `bradley_terry`.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -64,9 +64,9 @@ def elo_ratings(
 
 
 def play_in_order(
-    defender: NDArray,
-    attacker: NDArray,
-    score: NDArray,
+    defender: NDArray[Any],
+    attacker: NDArray[Any],
+    score: NDArray[Any],
     size: tuple[int, int],
     k_factor: float = K_FACTOR,
     start: float = START,
@@ -88,8 +88,10 @@ def play_in_order(
 
 
 @jax.jit
-def _scan(initial: tuple, fights: tuple, k_factor: jax.Array) -> tuple:
-    def fight(ratings: tuple, played: tuple) -> tuple[tuple, None]:
+def _scan(
+    initial: tuple[Any, ...], fights: tuple[Any, ...], k_factor: jax.Array
+) -> tuple[Any, ...]:
+    def fight(ratings: tuple[Any, ...], played: tuple[Any, ...]) -> tuple[tuple[Any, ...], None]:
         defenders, attackers = ratings
         defender, attacker, score = played
         # eq. 3
@@ -114,7 +116,9 @@ def _fights_by_identity(result: TournamentResult) -> NDArray[np.int32]:
     return fights[grid][result.played[grid]].reshape(-1)
 
 
-def _decode(fights: NDArray[np.int32], size: tuple[int, int]) -> tuple[NDArray, NDArray, NDArray]:
+def _decode(
+    fights: NDArray[np.int32], size: tuple[int, int]
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     cell, doubled = np.divmod(fights, 3)
     defender, attacker = np.divmod(cell, size[1])
     return defender, attacker, doubled * 0.5

@@ -7,7 +7,7 @@ the learner, hand in 1 - W.T.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,7 @@ class AtHome(NamedTuple):
     worst: float  # the least score, were all attackers as strong as the panel's mean
 
 
-def run_maps(result: TournamentResult, rate: NDArray | None = None) -> tuple[RunMap, ...]:
+def run_maps(result: TournamentResult, rate: NDArray[Any] | None = None) -> tuple[RunMap, ...]:
     """The map of every run that has both roles in the tournament, on one common grid of chunks.
 
     `rate` [D, A] defaults to the defender's mean score; `result.win_rate` gives the paper's maps.
@@ -94,7 +94,7 @@ def summarise_maps(maps: Sequence[RunMap]) -> MapSummary:
     return MapSummary(mean, np.where(runs > 1, squares / np.maximum(runs - 1, 1), np.nan), runs)
 
 
-def forgetting(score: NDArray) -> Forgetting:
+def forgetting(score: NDArray[Any]) -> Forgetting:
     """Summarise W = `score` [T, T]; raises ValueError unless it is square."""
     score = np.asarray(score, float)
     size = len(score)
@@ -157,11 +157,11 @@ def at_home(result: TournamentResult, panel: Panel) -> dict[str, AtHome]:
 
 
 def _places(
-    saved: Sequence[tuple[int, Entrant]], chunks: NDArray
+    saved: Sequence[tuple[int, Entrant]], chunks: NDArray[Any]
 ) -> tuple[list[int], NDArray[np.integer]]:
     """The indices of a run's players and their places on the grid of `chunks`."""
     return [index for index, _ in saved], np.searchsorted(chunks, [one.chunk for _, one in saved])
 
 
-def _mean(values: NDArray) -> float:
+def _mean(values: NDArray[Any]) -> float:
     return float(values.mean()) if values.size else float("nan")

@@ -1,6 +1,7 @@
 """What a tournament lacks, in words: nothing missing is made up, and nothing missing goes unsaid."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +99,7 @@ def _missing_seeds(result: TournamentResult) -> list[str]:
     return told
 
 
-def _played(result: TournamentResult) -> tuple[NDArray, NDArray]:
+def _played(result: TournamentResult) -> tuple[NDArray[Any], NDArray[Any]]:
     return np.atleast_1d(result.played.any(axis=1)), np.atleast_1d(result.played.any(axis=0))
 
 

@@ -5,7 +5,7 @@ P = D + A.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +16,15 @@ from scipy.special import expit, log_expit
 class Cells(NamedTuple):
     """Log-likelihood and its derivatives by cell, each [D, A], in x and in the logarithm of nu."""
 
-    value: NDArray
-    slope: NDArray  # in x
-    curvature: NDArray  # minus the second derivative in x
-    draw_slope: NDArray
-    draw_curvature: NDArray
-    cross: NDArray
+    value: NDArray[Any]
+    slope: NDArray[Any]  # in x
+    curvature: NDArray[Any]  # minus the second derivative in x
+    draw_slope: NDArray[Any]
+    draw_curvature: NDArray[Any]
+    cross: NDArray[Any]
 
 
-def bernoulli_cells(won: NDArray, lost: NDArray, x: NDArray) -> Cells:
+def bernoulli_cells(won: NDArray[Any], lost: NDArray[Any], x: NDArray[Any]) -> Cells:
     """Bradley-Terry at differences `x` [D, A]."""
     games, rate = won + lost, expit(x)
     nothing = np.zeros_like(x)
@@ -33,7 +33,7 @@ def bernoulli_cells(won: NDArray, lost: NDArray, x: NDArray) -> Cells:
 
 
 def davidson_cells(
-    wins: NDArray, losses: NDArray, draws: NDArray, x: NDArray, log_nu: float
+    wins: NDArray[Any], losses: NDArray[Any], draws: NDArray[Any], x: NDArray[Any], log_nu: float
 ) -> Cells:
     """Davidson's model at differences `x` [D, A]: an exponential family in (win - loss) / 2 and
     draw.
@@ -52,11 +52,11 @@ def davidson_cells(
 
 
 def fit(
-    cells: Callable[[NDArray, float], Cells],
-    precision: NDArray,
+    cells: Callable[[NDArray[Any], float], Cells],
+    precision: NDArray[Any],
     size: tuple[int, int],
     with_draws: bool = False,
-) -> tuple[NDArray, NDArray, float]:
+) -> tuple[NDArray[Any], NDArray[Any], float]:
     """Maximise log-likelihood - theta' Q theta / 2 by Newton, Q = `precision`; the target is
     concave.
 
@@ -66,7 +66,7 @@ def fit(
     theta = np.zeros(len(precision))
     split = lambda theta: (theta[:-1], float(theta[-1])) if with_draws else (theta, 0.0)
 
-    def evaluate(theta: NDArray) -> tuple[float, Cells]:
+    def evaluate(theta: NDArray[Any]) -> tuple[float, Cells]:
         strength, log_nu = split(theta)
         at = cells(differences(strength, size), log_nu)
         return float(at.value.sum()), at
@@ -96,12 +96,12 @@ def fit(
     raise ArithmeticError("the ratings' Newton iteration does not converge")
 
 
-def differences(theta: NDArray, size: tuple[int, int]) -> NDArray:
+def differences(theta: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
     """x [D, A] of strengths `theta` [P]."""
     return theta[: size[0], None] - theta[None, size[0] :]
 
 
-def _derivatives(at: Cells, with_draws: bool) -> tuple[NDArray, NDArray]:
+def _derivatives(at: Cells, with_draws: bool) -> tuple[NDArray[Any], NDArray[Any]]:
     """Gradient, and minus the Hessian, in theta."""
     both = lambda cell: np.concatenate([cell.sum(axis=1), -cell.sum(axis=0)])
     gradient, hessian = both(at.slope), np.diag(np.abs(both(at.curvature)))

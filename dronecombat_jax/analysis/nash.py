@@ -6,7 +6,7 @@ functions need a whole matrix of the defender's mean scores M [D, A] (`design.co
 raise ValueError for NaN.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,7 @@ class PopulationValue(NamedTuple):
     attacker_mix: NDArray[np.float64]  # [A]
 
 
-def solve(scores: NDArray) -> MatrixGame:
+def solve(scores: NDArray[Any]) -> MatrixGame:
     """An equilibrium of M = `scores` [D, A] by linear programming (HiGHS); the value is unique, the
     mixtures may not be.
     """
@@ -73,7 +73,7 @@ def solve(scores: NDArray) -> MatrixGame:
     return MatrixGame(float(program.x[-1]), x, y, _gap(scores, x, y))
 
 
-def nash_average(scores: NDArray, slack: float = SLACK) -> NashAverage:
+def nash_average(scores: NDArray[Any], slack: float = SLACK) -> NashAverage:
     """Average M = `scores` [D, A] over the opponents' equilibrium.
 
     Of all mixtures that give away at most `slack` of score, the one of largest entropy is taken on
@@ -88,7 +88,7 @@ def nash_average(scores: NDArray, slack: float = SLACK) -> NashAverage:
 
 
 def population_values(
-    result: TournamentResult, populations: dict[str, NDArray], draws: int = 100, seed: int = 0
+    result: TournamentResult, populations: dict[str, NDArray[Any]], draws: int = 100, seed: int = 0
 ) -> dict[str, PopulationValue]:
     """The value of each population (indices of defenders, by name) against all attackers of
     `result`.
@@ -115,12 +115,12 @@ def population_values(
     return values
 
 
-def _gap(scores: NDArray, x: NDArray, y: NDArray) -> float:
+def _gap(scores: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> float:
     return float((scores @ y).max() - (x @ scores).min())
 
 
 def _most_mixed(
-    scores: NDArray, optimal: NDArray, value: float, slack: float
+    scores: NDArray[Any], optimal: NDArray[Any], value: float, slack: float
 ) -> NDArray[np.float64]:
     """The y [A] of largest entropy with M y <= value + slack, sum y = 1; `optimal` satisfies it
     without slack.

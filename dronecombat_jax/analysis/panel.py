@@ -11,7 +11,7 @@ strengths, and the mean goes over all cells.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,7 +130,7 @@ def cells_needed(defenders: Sequence[Entrant], attackers: Sequence[Entrant]) -> 
     return needed
 
 
-def fill_home(table: NDArray, weights: NDArray) -> NDArray[np.float64]:
+def fill_home(table: NDArray[Any], weights: NDArray[Any]) -> NDArray[np.float64]:
     """Fill the NaN cells of `table` [R, G] by row + column, fitted with `weights` [G].
 
     Least squares; all NaN stay where the cells fall into parts without a fight between them. No
@@ -153,7 +153,7 @@ def fill_home(table: NDArray, weights: NDArray) -> NDArray[np.float64]:
     return np.where(np.isnan(table), predicted, table)
 
 
-def mean_scores(filled: NDArray, weights: NDArray) -> NDArray[np.float64]:
+def mean_scores(filled: NDArray[Any], weights: NDArray[Any]) -> NDArray[np.float64]:
     """Mean [R] over all attackers of `filled` [R, G], to 12 digits: equal means are equal bits."""
     if not weights.size:
         return np.full(len(filled), np.nan)
@@ -201,7 +201,7 @@ def _group(player: Entrant) -> tuple[str, str, str]:
     return (player.lineage, player.method, "" if player.lineage else player.identity)
 
 
-def _average(cells: NDArray, member: NDArray) -> NDArray[np.float64]:
+def _average(cells: NDArray[Any], member: NDArray[Any]) -> NDArray[np.float64]:
     """Mean [R, G] of `cells` [R, P] over each group's members [G, P]; NaN cells are left out."""
     away = ~np.isnan(cells)
     total = np.where(away, cells, 0.0) @ member.T

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from itertools import combinations
 from math import comb
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ def relabellings(first: int, second: int, seed: int = 0) -> tuple[NDArray[np.boo
     return labels, exact
 
 
-def permutation_test(first: NDArray, second: NDArray, seed: int = 0) -> Permutation:
+def permutation_test(first: NDArray[Any], second: NDArray[Any], seed: int = 0) -> Permutation:
     """Compare the means of `first` [n, ...] and `second` [m, ...], one row a seed, each trailing
     entry by itself.
     """
@@ -68,7 +68,7 @@ def smallest_p(first: int, second: int) -> float:
     return (1 + (first == second)) / comb(first + second, first)
 
 
-def sign_flip_test(differences: NDArray, seed: int = 0) -> Permutation:
+def sign_flip_test(differences: NDArray[Any], seed: int = 0) -> Permutation:
     """Paired seeds: is the mean of `differences` [n] zero? All 2^n signs, or a sample of them."""
     differences = np.asarray(differences, float)
     count = len(differences)
@@ -86,7 +86,7 @@ def sign_flip_test(differences: NDArray, seed: int = 0) -> Permutation:
     )
 
 
-def max_t_test(first: NDArray, second: NDArray, seed: int = 0) -> NDArray[np.float64]:
+def max_t_test(first: NDArray[Any], second: NDArray[Any], seed: int = 0) -> NDArray[np.float64]:
     """Adjusted p-values [...] of every cell of maps `first` [n, ...] and `second` [m, ...]
     (Westfall and Young 1993).
 
@@ -111,7 +111,7 @@ def max_t_test(first: NDArray, second: NDArray, seed: int = 0) -> NDArray[np.flo
     return adjusted.reshape(both.shape[1:])
 
 
-def spread_test(first: NDArray, second: NDArray, seed: int = 0) -> Permutation:
+def spread_test(first: NDArray[Any], second: NDArray[Any], seed: int = 0) -> Permutation:
     """Do seeds of the first sample vary more? The mean |value - own sample's median|, relabelled
     (Brown-Forsythe).
     """
@@ -135,13 +135,13 @@ def holm(p_values: Sequence[float]) -> NDArray[np.float64]:
     return adjusted
 
 
-def _join(first: NDArray, second: NDArray) -> tuple[NDArray, tuple[int, int]]:
+def _join(first: NDArray[Any], second: NDArray[Any]) -> tuple[NDArray[Any], tuple[int, int]]:
     if not len(first) or not len(second):
         raise ValueError("each sample needs a seed")
     return np.concatenate([first, second]).astype(float), (len(first), len(second))
 
 
-def _mean_differences(labels: NDArray, values: NDArray) -> NDArray[np.float64]:
+def _mean_differences(labels: NDArray[Any], values: NDArray[Any]) -> NDArray[np.float64]:
     """Mean over the chosen rows of `values` [n, C] minus mean over the others, for every row of
     labels: [R, C].
     """
@@ -150,7 +150,7 @@ def _mean_differences(labels: NDArray, values: NDArray) -> NDArray[np.float64]:
     return chosen / count - (values.sum(axis=0) - chosen) / (len(values) - count)
 
 
-def _studentised(labels: NDArray, cells: NDArray) -> NDArray[np.float64]:
+def _studentised(labels: NDArray[Any], cells: NDArray[Any]) -> NDArray[np.float64]:
     """|t| [R, C] with the pooled variance; 1e-3 of score is added to its root so that no cell
     divides by nothing.
     """
@@ -162,7 +162,7 @@ def _studentised(labels: NDArray, cells: NDArray) -> NDArray[np.float64]:
     return np.abs(difference) / (np.sqrt(within * (1 / count + 1 / (total - count))) + 1e-3)
 
 
-def _share(statistics: NDArray, scale: NDArray) -> NDArray[np.float64]:
+def _share(statistics: NDArray[Any], scale: NDArray[Any]) -> NDArray[np.float64]:
     """How many of `statistics` [R, ...] are as extreme as the first; rounding is of size `scale`.
 
     NaN where a value is NaN: nothing is known then, least of all that none is as extreme.

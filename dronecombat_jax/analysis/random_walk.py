@@ -8,7 +8,7 @@ not use it.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,9 +67,9 @@ def timelines(result: TournamentResult) -> tuple[Timeline, ...]:
 
 
 def random_walk_curve(
-    wins: NDArray,
-    losses: NDArray,
-    draws: NDArray,
+    wins: NDArray[Any],
+    losses: NDArray[Any],
+    draws: NDArray[Any],
     chains: Sequence[Timeline],
     width: float | None = None,
     prior_sd: float = PRIOR_SD,
@@ -86,7 +86,7 @@ def random_walk_curve(
     design = design_of(wins, losses, draws)
     total = len(design.bound)
 
-    def solve(width: float) -> tuple[NDArray, NDArray, float]:
+    def solve(width: float) -> tuple[NDArray[Any], NDArray[Any], float]:
         precision = walk_precision(total, chains, width, prior_sd)
         theta, covariance, value = fit(
             lambda x, _: bernoulli_cells(won, lost, x), precision, won.shape

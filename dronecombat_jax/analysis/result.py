@@ -8,7 +8,7 @@ is marked by `played` and never by zeros.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,13 +75,13 @@ class Scores(NamedTuple):
 
 
 def tournament_result(
-    cause: NDArray,
-    steps: NDArray,
+    cause: NDArray[Any],
+    steps: NDArray[Any],
     winner: Sequence[Outcome],
     defenders: Sequence[Entrant],
     attackers: Sequence[Entrant],
     control_dt: float,
-    played: NDArray | None = None,
+    played: NDArray[Any] | None = None,
 ) -> TournamentResult:
     """Check and count raw outcomes `cause` and `steps`, both [D, A, E]; `played` [D, A] defaults to
     "no cause is NONE".
@@ -154,7 +154,7 @@ def by_training(entrants: Sequence[Entrant]) -> dict[str, list[tuple[int, Entran
     return {lineage: list(saved.values()) for lineage, saved in found.items()}
 
 
-def count_causes(cause: NDArray) -> NDArray[np.int32]:
+def count_causes(cause: NDArray[Any]) -> NDArray[np.int32]:
     """Fights [D, A, C] by `Cause`, of `cause` [D, A, E]; NONE is not counted."""
     counts = np.stack([np.sum(cause == one, axis=2, dtype=np.int32) for one in Cause], axis=2)
     counts[:, :, Cause.NONE] = 0
@@ -191,7 +191,9 @@ def fight_scores(result: TournamentResult) -> NDArray[np.float64]:
     return table[result.cause]
 
 
-def select(result: TournamentResult, defenders: NDArray, attackers: NDArray) -> TournamentResult:
+def select(
+    result: TournamentResult, defenders: NDArray[Any], attackers: NDArray[Any]
+) -> TournamentResult:
     """The part of a tournament between the given indices of `defenders` and `attackers`, in that
     order.
     """

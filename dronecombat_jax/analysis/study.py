@@ -6,7 +6,7 @@ said in words and never made up.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,7 +97,7 @@ class Study(NamedTuple):
     cyclic_part: dict[str, TournamentResult]
     nash: NashAverage | None  # of the part without missing cells
     nash_part: TournamentResult
-    alpha_rank: tuple[NDArray, NDArray] | None  # its marginals in the same part
+    alpha_rank: tuple[NDArray[Any], NDArray[Any]] | None  # its marginals in the same part
     populations: dict[str, PopulationValue]
     endings: tuple[Endings, Endings]  # by role
     missing: tuple[str, ...]  # sentences
@@ -195,7 +195,7 @@ def own_elo_by_side(
     ]
 
 
-def _scale(ratings: Ratings, *numbers: NDArray) -> Scale:
+def _scale(ratings: Ratings, *numbers: NDArray[Any]) -> Scale:
     return Scale(*(np.where(ratings.design.games > 0, values, np.nan) for values in numbers))
 
 

@@ -3,7 +3,7 @@ misread.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,7 +147,7 @@ def secondary(
     )
 
 
-def _known(values: dict[str, float], runs: NDArray) -> NDArray[np.float64]:
+def _known(values: dict[str, float], runs: NDArray[Any]) -> NDArray[np.float64]:
     """The values of `runs`, of those that have a finite one."""
     found = np.asarray([values[run] for run in runs if run in values], float)
     return found[np.isfinite(found)]

@@ -41,7 +41,7 @@ def optimize(
     flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), batch)
     adam = optimizer(learn)
 
-    def step(carry: tuple, minibatch: Batch):
+    def step(carry: tuple[Any, ...], minibatch: Batch):
         parameters, state, learning_rate = carry
         gradients, metrics = jax.grad(loss, argnums=1, has_aux=True)(learn, parameters, minibatch)
         norm = optax.tree.norm(gradients)
@@ -63,7 +63,7 @@ def optimize(
         weights = jnp.sum(minibatch.weight), jnp.sum(minibatch.value_weight)
         return carry, (metrics, weights, norm, ~finite)
 
-    def epoch(carry: tuple, key: jax.Array):
+    def epoch(carry: tuple[Any, ...], key: jax.Array):
         carry, metrics = jax.lax.scan(step, carry, cut(learn, flat, key))
         parameters, state, learning_rate = carry
         (*_, divergence, _), (weight, _), _, skipped = metrics
@@ -108,7 +108,9 @@ def cut(learn: LearnConfig, batch: Batch, key: jax.Array) -> Batch:
     )
 
 
-def loss(learn: LearnConfig, parameters: Parameters, batch: Batch) -> tuple[jax.Array, tuple]:
+def loss(
+    learn: LearnConfig, parameters: Parameters, batch: Batch
+) -> tuple[jax.Array, tuple[Any, ...]]:
     """The loss of eq. 18 on one mini-batch [..., B], features first, and what it is made of."""
     mean = forward_columns(parameters.policy, batch.observation)
     weight, log_std = batch.weight, parameters.log_std

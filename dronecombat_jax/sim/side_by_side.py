@@ -56,11 +56,15 @@ def _actions(sim: SimConfig, scene: Scene, steps: int) -> np.ndarray:
     return actions
 
 
-def _by_the_game(sim: SimConfig, scene: Scene, qvel: np.ndarray, actions: np.ndarray) -> tuple:
+def _by_the_game(
+    sim: SimConfig, scene: Scene, qvel: np.ndarray, actions: np.ndarray
+) -> tuple[Any, ...]:
     """Positions and rates [T, A, 3] by `build_step`."""
     step = build_step(sim, scene)
 
-    def advance(state: tuple, action: jax.Array) -> tuple[tuple, tuple]:
+    def advance(
+        state: tuple[Any, ...], action: jax.Array
+    ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         state = step(state[0], state[1], action)
         return state, state
 
@@ -78,7 +82,7 @@ def _by_c_mujoco(
     index: int,
     start: np.ndarray,
     actions: np.ndarray,
-) -> tuple:
+) -> tuple[Any, ...]:
     """Positions of the centre of mass and body rates [T, 3] of one drone in the file's model."""
     model: Any = written.model
     data, drone = mujoco.MjData(model), written.drones[index]
@@ -112,7 +116,7 @@ def _apply_wrench(model: Any, data: Any, drone: Drone, thrust: float, moment: np
     mujoco.mj_applyFT(model, data, force, torque, point, drone.root, data.qfrc_applied)
 
 
-def _difference(index: int, ours: tuple, theirs: tuple) -> Difference:
+def _difference(index: int, ours: tuple[Any, ...], theirs: tuple[Any, ...]) -> Difference:
     farthest = lambda a, b: float(np.linalg.norm(a[:, index] - b, axis=-1).max())
     position, rate = (farthest(a, b) for a, b in zip(ours, theirs, strict=True))
     return Difference(position, rate, float(np.linalg.norm(theirs[0][-1])))

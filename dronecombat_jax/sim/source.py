@@ -5,7 +5,7 @@ file says. What does not: what of it can be flown (`written`), the models made o
 """
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,7 +81,7 @@ def read_written(sim: SimConfig, path: Path | None = None) -> Written:
 
 
 @contextmanager
-def naming_the_setting(sim: SimConfig) -> Iterator[None]:
+def naming_the_setting(sim: SimConfig) -> Generator[None]:
     """What is wrong with a file of the user's is wrong with the setting that names it."""
     try:
         yield

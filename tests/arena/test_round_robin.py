@@ -214,7 +214,7 @@ from dronecombat_jax.machine import backend
 backend.prepare("cpu")
 import jax
 from dataclasses import replace
-import test_tournament as t
+import test_round_robin as t
 assert jax.local_device_count() == 2
 combat = t.Coasting(replace(t.CONFIG, game=t.GAME))
 rules = t.Rules(t.EPISODES, seed=3)

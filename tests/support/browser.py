@@ -21,6 +21,7 @@ FLAGS = [
     "--disable-sync",
 ]
 NAMES = ("chromium", "chromium-browser", "google-chrome")
+PATIENCE = 120_000.0  # ms: software WebGL on a machine that others load
 # a screenshot of software WebGL is slow, which Chromium finds worth a warning
 SOFTWARE = "ReadPixels"
 
@@ -53,6 +54,7 @@ class Tab:
             viewport={"width": size[0], "height": size[1]}, **settings
         )
         self.page = self.context.new_page()
+        self.page.set_default_timeout(PATIENCE)
         self.said: list[str] = []
         self.asked: list[str] = []
         self.page.on("console", lambda message: self._note(message.type, message.text))

@@ -5,23 +5,15 @@ from types import SimpleNamespace
 
 import pytest
 from saved_runs import write_run
+from small_tournament import CHUNKS, LAYOUT, RULES
 from tournaments import words
 from toy import Coasting
 
 from dronecombat_jax.arena import round_robin as arena_tournament
-from dronecombat_jax.arena.lanes import Layout
 from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.tournaments import flying
 from dronecombat_jax.tournaments import tournament as tournaments
 from dronecombat_jax.tournaments.result_file import load_result
-
-RULES = Rules(episodes=3, seed=5)
-
-
-LAYOUT = Layout(lanes=32, block=8, blocks=8, steps=5)
-
-
-CHUNKS = 5
 
 
 @pytest.fixture(scope="module")

@@ -10,12 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from saved_runs import write_run
+from small_tournament import CHUNKS, RULES
 from tournaments import assert_same, from_letters, words
 
 from dronecombat_jax.analysis.panel import cells_needed
 from dronecombat_jax.analysis.result import by_training
-from dronecombat_jax.arena.lanes import Layout
-from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.errors import (
     EXIT_CANNOT_WRITE,
     UserError,
@@ -25,10 +24,6 @@ from dronecombat_jax.tournaments.result_file import ABOUT_NAME, load_about, load
 from dronecombat_jax.tournaments.standings import standings_text
 from dronecombat_jax.tournaments.tournament import default_name
 from dronecombat_jax.types import Cause
-
-RULES = Rules(episodes=3, seed=5)
-LAYOUT = Layout(lanes=32, block=8, blocks=8, steps=5)
-CHUNKS = 5
 
 
 def test_the_result_is_whole(alone: SimpleNamespace):

@@ -13,10 +13,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from saved_runs import damage
+from small_tournament import CHUNKS
 from tournaments import assert_same, words
 
-from dronecombat_jax.arena.lanes import Layout
-from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.errors import (
     EXIT_DATA,
     EXIT_STOPPED,
@@ -25,14 +24,6 @@ from dronecombat_jax.errors import (
 )
 from dronecombat_jax.tournaments import flying
 from dronecombat_jax.tournaments.result_file import RESULT_NAME, load_result
-
-RULES = Rules(episodes=3, seed=5)
-
-
-LAYOUT = Layout(lanes=32, block=8, blocks=8, steps=5)
-
-
-CHUNKS = 5
 
 
 def test_a_signal_saves_and_the_same_command_goes_on(
@@ -79,18 +70,21 @@ given = json.loads(sys.argv[1])
 sys.path[:0] = given["paths"]
 from dronecombat_jax.machine import backend
 backend.prepare("cpu")
-import test_tournament as t
-t.tournaments.Combat, t.arena_tournament.CPU_LAYOUT = t.Coasting, t.LAYOUT
-t.flying.SAVE_SECONDS = 0.0
-real, cells = t.arena_tournament.play, []
+from small_tournament import LAYOUT, RULES
+from toy import Coasting
+from dronecombat_jax.arena import round_robin
+from dronecombat_jax.tournaments import flying, tournament
+tournament.Combat, round_robin.CPU_LAYOUT = Coasting, LAYOUT
+flying.SAVE_SECONDS = 0.0
+real, cells = round_robin.play, []
 def killed(*args, **how):
     for harvest in real(*args, **how):
         cells.extend(harvest.cells)
         yield harvest
         if len(cells) >= 0.6 * 36:
             os.kill(os.getpid(), signal.SIGKILL)
-t.flying.play = killed
-t.tournaments.tournament(given["words"], t.RULES, root=given["root"], name="it")
+flying.play = killed
+tournament.tournament(given["words"], RULES, root=given["root"], name="it")
 """
 
 
@@ -98,8 +92,9 @@ def test_killed_at_60_per_cent_it_comes_to_the_same_counts(
     runs: Path, alone, place: SimpleNamespace
 ):
     tests = Path(__file__).parents[1]
-    paths = [str(tests / "runs"), str(tests / "support")]
-    given = json.dumps({"paths": paths, "words": words(runs), "root": str(place.folder.parent)})
+    given = json.dumps(
+        {"paths": [str(tests / "support")], "words": words(runs), "root": str(place.folder.parent)}
+    )
     command = [sys.executable, "-W", "ignore", "-c", KILLED, given]
     environment = os.environ | {"PYTHONPATH": str(tests.parent)}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)

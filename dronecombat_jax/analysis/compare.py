@@ -68,11 +68,13 @@ def compare_methods(
     Holm's correction goes over all pairs, for the differences and for the equivalences.
     """
     panel = away_panel(result, every)
-    known = sorted({one.method for _, one in showings(result.defenders) if one.lineage})
+    known = sorted(
+        {defender.method for _, defender in showings(result.defenders) if defender.lineage}
+    )
     methods = known if methods is None else list(methods)
     comparisons = [_compare(panel, *pair, seed) for pair in combinations(methods, 2)]
-    differ = holm([one.p_value for one in comparisons]).tolist()
-    equal = holm([one.equivalence_p for one in comparisons]).tolist()
+    differ = holm([comparison.p_value for comparison in comparisons]).tolist()
+    equal = holm([comparison.equivalence_p for comparison in comparisons]).tolist()
     told = [
         one._replace(adjusted_p=p, adjusted_equivalence_p=q)
         for one, p, q in zip(comparisons, differ, equal, strict=True)

@@ -68,7 +68,12 @@ def run_maps(result: TournamentResult, rate: NDArray[Any] | None = None) -> tupl
     defenders, attackers = by_training(result.defenders), by_training(result.attackers)
     runs = [run for run in defenders if run in attackers]
     chunks = np.unique(
-        [one.chunk for side in (defenders, attackers) for run in runs for _, one in side[run]]
+        [
+            entrant.chunk
+            for side in (defenders, attackers)
+            for run in runs
+            for _, entrant in side[run]
+        ]
     )
     maps = []
     for run in runs:
@@ -84,7 +89,7 @@ def run_maps(result: TournamentResult, rate: NDArray[Any] | None = None) -> tupl
 
 def summarise_maps(maps: Sequence[RunMap]) -> MapSummary:
     """Mean and variance over runs, cell by cell, of those that played it."""
-    stack = np.stack([one.score for one in maps])
+    stack = np.stack([run_map.score for run_map in maps])
     played = ~np.isnan(stack)
     runs = played.sum(axis=0)
     mean = np.where(

@@ -54,10 +54,10 @@ def seeds_of(result: TournamentResult) -> dict[str, int]:
     """How many training seeds of each method fought."""
     lineages: dict[str, set[str]] = {}
     for side, played in zip((result.defenders, result.attackers), _played(result), strict=True):
-        for index, one in showings(side):
-            if one.lineage:
-                lineages.setdefault(one.method, set()).update(
-                    {one.lineage} if played[index] else ()
+        for index, entrant in showings(side):
+            if entrant.lineage:
+                lineages.setdefault(entrant.method, set()).update(
+                    {entrant.lineage} if played[index] else ()
                 )
     return {method: len(members) for method, members in lineages.items()}
 
@@ -73,7 +73,11 @@ def _missing_seeds(result: TournamentResult) -> list[str]:
             if one.lineage:
                 listed.setdefault(one.method, set()).add(one.lineage)
         fought.append(
-            {one.lineage for index, one in showings(side) if played[index] and one.lineage}
+            {
+                entrant.lineage
+                for index, entrant in showings(side)
+                if played[index] and entrant.lineage
+            }
         )
     there = fought[0] | fought[1]
     told = [
@@ -85,7 +89,7 @@ def _missing_seeds(result: TournamentResult) -> list[str]:
     if len(set(counts.values())) > 1:
         told.append(
             "Unequal numbers of training seeds: "
-            + ", ".join(f"{one} {n}" for one, n in counts.items())
+            + ", ".join(f"{item} {n}" for item, n in counts.items())
             + "."
         )
     for role, lacking in (

@@ -37,7 +37,9 @@ def map_tests(win_maps: Mapping[str, tuple[RunMap, ...]]) -> tuple[MapTest, ...]
     """
     tests = []
     for first, second in combinations([method for method, maps in win_maps.items() if maps], 2):
-        stacks = [np.stack([one.score for one in win_maps[method]]) for method in (first, second)]
+        stacks = [
+            np.stack([win_map.score for win_map in win_maps[method]]) for method in (first, second)
+        ]
         common = ~np.any(np.isnan(np.concatenate(stacks)), axis=0)
         if not common.any():
             continue

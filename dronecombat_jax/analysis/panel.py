@@ -68,7 +68,7 @@ def away_panel(result: TournamentResult, every: int = EVERY) -> Panel:
     rate = score_rate(result)[np.ix_(rows, seats)]
     homes = _homes(result.attackers)
     own = np.asarray(
-        [[one.lineage in homes[seat] for seat in seats] for _, one in finals], bool
+        [[final.lineage in homes[seat] for seat in seats] for _, final in finals], bool
     ).reshape(rate.shape)
     absent = np.isnan(rate) & ~own
     whole = absent.mean(axis=1) < 0.5 if len(seats) else np.zeros(len(finals), bool)
@@ -122,7 +122,7 @@ def cells_needed(defenders: Sequence[Entrant], attackers: Sequence[Entrant]) -> 
         rows, columns = ([index for index, _ in side.get(lineage, ())] for side in own)
         needed[np.ix_(rows, columns)] = True
     pilots = [
-        [index for index, one in enumerate(side) if not one.lineage]
+        [index for index, entrant in enumerate(side) if not entrant.lineage]
         for side in (defenders, attackers)
     ]
     last = [saved[-1][0] for saved in own[ATTACKER].values()]
@@ -179,7 +179,7 @@ def _different(
 
 def _seats(entrants: Sequence[Entrant], every: int) -> list[int]:
     """Indices of the scripted pilots, each run's last entrant and every n-th, in order of identity."""
-    pilots = {index for index, one in enumerate(entrants) if not one.lineage}
+    pilots = {index for index, entrant in enumerate(entrants) if not entrant.lineage}
     trained = {
         index
         for saved in by_training(entrants).values()
@@ -192,8 +192,8 @@ def _seats(entrants: Sequence[Entrant], every: int) -> list[int]:
 def _homes(entrants: Sequence[Entrant]) -> dict[int, set[str]]:
     """The trainings in which each entrant was saved."""
     homes: dict[int, set[str]] = {}
-    for index, one in showings(entrants):
-        homes.setdefault(index, set()).add(one.lineage)
+    for index, entrant in showings(entrants):
+        homes.setdefault(index, set()).add(entrant.lineage)
     return homes
 
 

@@ -142,15 +142,15 @@ def showings(entrants: Sequence[Entrant]) -> list[tuple[int, Entrant]]:
         one._replace(also=()),
         *(one._replace(also=(), **name._asdict()) for name in one.also),
     )
-    return [(index, shown) for index, one in enumerate(entrants) for shown in every(one)]
+    return [(index, shown) for index, entrant in enumerate(entrants) for shown in every(entrant)]
 
 
 def by_training(entrants: Sequence[Entrant]) -> dict[str, list[tuple[int, Entrant]]]:
     """What each training left, by lineage: the `showings`, in order of chunk, one a chunk."""
     found: dict[str, dict[int, tuple[int, Entrant]]] = {}
-    for index, one in sorted(showings(entrants), key=lambda pair: pair[1].chunk):
-        if one.lineage:
-            found.setdefault(one.lineage, {})[one.chunk] = index, one
+    for index, entrant in sorted(showings(entrants), key=lambda pair: pair[1].chunk):
+        if entrant.lineage:
+            found.setdefault(entrant.lineage, {})[entrant.chunk] = index, entrant
     return {lineage: list(saved.values()) for lineage, saved in found.items()}
 
 

@@ -113,7 +113,9 @@ def study(result: TournamentResult, effort: Effort | None = None) -> Study:
     effort = effort or Effort()
     table, rated = scores(result), first_episodes(result, min(ELO_EPISODES, result.cause.shape[2]))
     entrants = (*result.defenders, *result.attackers)
-    methods = tuple(dict.fromkeys(one.method for _, one in showings(entrants) if one.lineage))
+    methods = tuple(
+        dict.fromkeys(entrant.method for _, entrant in showings(entrants) if entrant.lineage)
+    )
     counts = (table.wins, table.losses, table.draws)
     ratings = bradley_terry(*counts)
     smooth = (
@@ -148,7 +150,10 @@ def study(result: TournamentResult, effort: Effort | None = None) -> Study:
         smooth=smooth,
         smooth_scale=smooth
         and _scale(ratings, smooth.ratings.rating, smooth.ratings.low, smooth.ratings.high),
-        win_maps={method: tuple(one for one in maps if one.method == method) for method in methods},
+        win_maps={
+            method: tuple(run_map for run_map in maps if run_map.method == method)
+            for method in methods
+        },
         memory=memories(result),
         cyclic={name: _cyclic(part, effort) for name, part in parts.items()},
         cyclic_part=parts,
@@ -202,13 +207,13 @@ def _scale(ratings: Ratings, *numbers: NDArray[Any]) -> Scale:
 def memories(result: TournamentResult) -> dict[str, Memory]:
     """By lineage, for every run that has both roles in the tournament."""
     memories = {}
-    for one in run_maps(result):
-        there = ~np.isnan(one.score)
+    for run_map in run_maps(result):
+        there = ~np.isnan(run_map.score)
         kept = np.flatnonzero(there.any(axis=0) | there.any(axis=1))
         if len(kept):
-            score = one.score[np.ix_(kept, kept)]
-            away = home_and_away(result, one.run)
-            memories[one.run] = Memory(forgetting(score), forgetting(1.0 - score.T), *away)
+            score = run_map.score[np.ix_(kept, kept)]
+            away = home_and_away(result, run_map.run)
+            memories[run_map.run] = Memory(forgetting(score), forgetting(1.0 - score.T), *away)
     return memories
 
 
@@ -217,7 +222,11 @@ def _by_identity(part: TournamentResult) -> TournamentResult:
     drawn for them.
     """
     return select(
-        part, *(np.argsort([one.identity for one in side], kind="stable") for side in _sides(part))
+        part,
+        *(
+            np.argsort([entrant.identity for entrant in side], kind="stable")
+            for side in _sides(part)
+        ),
     )
 
 
@@ -236,7 +245,7 @@ def _of_method(result: TournamentResult, method: str) -> TournamentResult:
 
 def _members(entrants: Sequence[Entrant], method: str) -> NDArray[np.integer]:
     return np.unique(
-        [i for i, one in showings(entrants) if one.lineage and one.method == method]
+        [i for i, entrant in showings(entrants) if entrant.lineage and entrant.method == method]
     ).astype(int)
 
 

@@ -127,7 +127,7 @@ def secondary(
     """Spread over seeds and forgetting, as far as the tournament tells them."""
     methods, runs = np.asarray(panel.methods), np.asarray(panel.runs)
     measures = {
-        "backward transfer": {run: one.defender.backward_transfer for run, one in memory.items()},
+        "backward transfer": {run: item.defender.backward_transfer for run, item in memory.items()},
         "worst case against the own past, adjusted": {run: fate.worst for run, fate in own.items()},
         "home minus away, adjusted": {run: fate.advantage for run, fate in own.items()},
     }

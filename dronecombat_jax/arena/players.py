@@ -68,7 +68,8 @@ def scripted_numbers(players: Sequence[Player], role: int) -> NDArray[np.int32]:
     """The number of each scripted pilot in `PILOTS`, -1 for a policy; [P]."""
     names = list(PILOTS[role])
     return np.asarray(
-        [names.index(one.pilot) if isinstance(one.pilot, str) else -1 for one in players], np.int32
+        [names.index(player.pilot) if isinstance(player.pilot, str) else -1 for player in players],
+        np.int32,
     )
 
 

@@ -59,8 +59,8 @@ def play(
         for harvest in rectangle.fly():
             yield harvest._replace(
                 cells=[
-                    one._replace(defender=rows[one.defender], attacker=columns[one.attacker])
-                    for one in harvest.cells
+                    cell._replace(defender=rows[cell.defender], attacker=columns[cell.attacker])
+                    for cell in harvest.cells
                 ]
             )
 

@@ -65,7 +65,7 @@ def _csv_cell(value: Value) -> Value:
 def _plain(value: Any) -> Any:
     value = plain_value(value)
     if isinstance(value, dict):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(one) for one in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -15,7 +15,7 @@ from dronecombat_jax.types import SIDES
 
 def cyclic_discs(study: Study) -> Figure:
     """The part of the scores that no rating explains, in its two largest dimensions."""
-    draws = next((one.draws for one in study.cyclic.values() if one is not None), 0)
+    draws = next((value.draws for value in study.cyclic.values() if value is not None), 0)
     foot = (
         "A defender scores better than its rating says against attackers that lie in its own direction from the centre, "
         "worse against the opposite ones; the further out, the more. Lines: seeds in order of training, dot: the final "
@@ -79,7 +79,7 @@ def _percent(share: float) -> str:
 def _paths(ax: Axes, side: tuple[Entrant, ...], points: NDArray, role: str) -> None:
     """One path a seed, and the pilots."""
     trained = [[index for index, _ in saved] for saved in by_training(side).values()]
-    pilots = [[index] for index, one in enumerate(side) if not one.lineage]
+    pilots = [[index] for index, entrant in enumerate(side) if not entrant.lineage]
     for number, members in enumerate([*trained, *pilots]):
         x, y = points[members].T
         colour, label = ROLE_COLOURS[role], role if number == 0 else None

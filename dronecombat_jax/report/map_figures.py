@@ -158,7 +158,7 @@ def _label(ax: Axes, defenders: Sequence[int], attackers: Sequence[int]) -> None
     told = lambda steps: EngFormatter(sep=" ")(float(f"{steps:.3g}"))
     every = -(-len(attackers) // MOST_TICKS)
     places = np.arange(len(attackers))[::-1][::every][::-1]  # the last one is named
-    ax.set_xticks(places, [told(attackers[one]) for one in places])
+    ax.set_xticks(places, [told(attackers[place]) for place in places])
     ax.set_yticks(range(len(defenders)), [told(steps) for steps in defenders])
     ax.set_xlabel("attacker: environment steps trained")
     ax.set_ylabel("defender: environment steps trained")
@@ -166,8 +166,13 @@ def _label(ax: Axes, defenders: Sequence[int], attackers: Sequence[int]) -> None
 
 def _steps(study: Study, maps: Sequence[RunMap], chunks: NDArray, role: int) -> list[int]:
     """Environment steps at the given chunks of the runs of `maps`."""
-    side, runs = (study.result.defenders, study.result.attackers)[role], {one.run for one in maps}
-    known = {one.chunk: one.steps for _, one in showings(side) if one.lineage in runs}
+    side, runs = (
+        (study.result.defenders, study.result.attackers)[role],
+        {run_map.run for run_map in maps},
+    )
+    known = {
+        entrant.chunk: entrant.steps for _, entrant in showings(side) if entrant.lineage in runs
+    }
     return [known[int(chunk)] for chunk in chunks]
 
 

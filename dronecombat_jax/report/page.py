@@ -45,7 +45,9 @@ def page(
     """The page; every text is foreign and is escaped. `verdict`: sentences, and the numbers behind
     them.
     """
-    links = "".join(f'<a href="#{escape(one.name)}">{escape(one.heading)}</a> ' for one in pictures)
+    links = "".join(
+        f'<a href="#{escape(picture.name)}">{escape(picture.heading)}</a> ' for picture in pictures
+    )
     parts = [
         f"<h1>{_text(title)}</h1>",
         *(f"<p>{_text(line)}</p>" for line in summary),
@@ -55,7 +57,7 @@ def page(
     if sentences:
         parts += [
             "<h2>Which defender is better?</h2>",
-            *(f'<p class="verdict">{_text(one)}</p>' for one in sentences),
+            *(f'<p class="verdict">{_text(sentence)}</p>' for sentence in sentences),
         ]
         parts.append(
             f"<details><summary>The numbers</summary><pre>{escape(numbers)}</pre></details>"
@@ -65,8 +67,8 @@ def page(
             "<h2>What is missing, and what to know</h2>",
             *(f'<p class="gap">{_text(line)}</p>' for line in gaps),
         ]
-    parts += [_picture(one) for one in pictures]
-    parts += ["<h2 id='tables'>Tables</h2>", *(_table(one) for one in tables)]
+    parts += [_picture(picture) for picture in pictures]
+    parts += ["<h2 id='tables'>Tables</h2>", *(_table(table) for table in tables)]
     body = "\n".join(parts)
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'

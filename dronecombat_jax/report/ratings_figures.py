@@ -120,7 +120,7 @@ def ratings_over_time(study: Study) -> Figure:
             ax.set_title(f"{name(method)}: {heading}", fontsize=10.5)
             time_axis(ax)
         row[0].set_ylabel("Elo points")
-    trained = np.asarray([bool(one.lineage) for one in study.entrants], bool)
+    trained = np.asarray([bool(entrant.lineage) for entrant in study.entrants], bool)
     axes[0][0].set_ylim(
         *_limits(np.concatenate([values[trained] for values in (*study.scale, *study.elo_scale)]))
     )
@@ -137,7 +137,7 @@ def finals(study: Study) -> Figure:
     rated, elo = study.scale, study.elo_scale
     cut = len(study.result.defenders)
     parts = ((0, study.entrants[:cut]), (cut, study.entrants[cut:]))
-    chosen = [{start + one: label for one, label in _last(side).items()} for start, side in parts]
+    chosen = [{start + item: label for item, label in _last(side).items()} for start, side in parts]
     everyone = np.asarray([*chosen[0], *chosen[1]], int)
     limits = _limits(np.concatenate([values[everyone] for values in (*rated, *elo)]))
     size = (7.0, 1.6 + 0.3 * min(max(map(len, chosen)), MOST_ROWS))
@@ -191,7 +191,9 @@ def _sides(study: Study, values: NDArray) -> list[tuple]:
 def _last(entrants: Sequence[Entrant]) -> dict[int, str]:
     """The indices of each seed's last entrant and of the pilots, with their names."""
     trained = {saved[-1][0]: saved[-1][1].label for saved in by_training(entrants).values()}
-    return trained | {index: one.label for index, one in enumerate(entrants) if not one.lineage}
+    return trained | {
+        index: entrant.label for index, entrant in enumerate(entrants) if not entrant.lineage
+    }
 
 
 def _band(

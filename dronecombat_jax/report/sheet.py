@@ -95,9 +95,9 @@ def timelines_of(
     found: dict[str, Timeline] = {}
     for method in methods:
         mine = [
-            (one.lineage, one.steps, i)
-            for i, one in showings(entrants)
-            if one.lineage and one.method == method
+            (entrant.lineage, entrant.steps, i)
+            for i, entrant in showings(entrants)
+            if entrant.lineage and entrant.method == method
         ]
         lineages, steps = sorted({one[0] for one in mine}), sorted({one[1] for one in mine})
         table = np.full((len(lineages), len(steps)), np.nan)

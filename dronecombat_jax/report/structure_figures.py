@@ -40,7 +40,7 @@ def forgetting_profile(study: Study) -> Figure:
     colour = colours(study.methods)
     for ax, role in zip(axes[0], SIDES, strict=False):
         for method in study.methods:
-            told = [getattr(one, role) for one in _memories(study, method)]
+            told = [getattr(memory, role) for memory in _memories(study, method)]
             _profile(ax, told, colour[method], f"{name(method)} ({len(told)})")
         ax.axhline(0.5, color="#777777", linewidth=0.8, linestyle=":")
         ax.axvline(0.0, color="#777777", linewidth=0.8, linestyle=":")
@@ -115,7 +115,7 @@ def outcomes_over_time(study: Study) -> Figure:
 
 
 def _memories(study: Study, method: str) -> list[Memory]:
-    runs = [one.run for one in study.win_maps[method]]
+    runs = [win_map.run for win_map in study.win_maps[method]]
     return [study.memory[run] for run in runs if run in study.memory]
 
 
@@ -148,7 +148,7 @@ def _summary(ax: Axes, study: Study) -> None:
     for place, measure in enumerate(SUMMARIES.values()):
         for number, method in enumerate(study.methods):
             x = place + (number - (len(study.methods) - 1) / 2) * width
-            values = np.asarray([measure(one) for one in _memories(study, method)])
+            values = np.asarray([measure(memory) for memory in _memories(study, method)])
             values = values[np.isfinite(values)]
             ax.plot(
                 x + np.linspace(-0.2, 0.2, len(values)) * width,

@@ -52,15 +52,15 @@ def ratings(study: Study) -> Table:
     own, nothing = study.own_elo, np.full(len(games), np.nan)
     rows = [
         (
-            SIDES[i >= cut], one.label, one.method, one.run, one.seed, one.chunk, one.steps, one.identity,
+            SIDES[i >= cut], entrant.label, entrant.method, entrant.run, entrant.seed, entrant.chunk, entrant.steps, entrant.identity,
             wins[i], draws[i], losses[i], (wins[i] + draws[i] / 2) / games[i] if games[i] >= 1 else np.nan,
             scale.rating[i], rated.error[i], scale.low[i], scale.high[i],
             BOUNDS.get(int(rated.design.bound[i]), "open both ways"), rated.design.component[i],
             study.davidson.rating[i] if games[i] >= 1 else np.nan, study.davidson.error[i],
-            elo.rating[i], elo.high[i] - elo.rating[i], own.get(one.lineage, nothing)[i], smooth[i], nash[i], rank[i],
-            "; ".join(name.label for name in one.also),
+            elo.rating[i], elo.high[i] - elo.rating[i], own.get(entrant.lineage, nothing)[i], smooth[i], nash[i], rank[i],
+            "; ".join(name.label for name in entrant.also),
         )
-        for i, one in enumerate(study.entrants)
+        for i, entrant in enumerate(study.entrants)
     ]  # fmt: skip
     columns = (
         "role label method run seed chunk steps identity wins draws losses mean_score bradley_terry standard_error "
@@ -129,15 +129,15 @@ def cell_tests(study: Study) -> Table:
     """Where the maps of two methods differ."""
     rows = [
         (
-            one.first,
-            one.second,
-            one.defenders[i],
-            one.attackers[j],
-            one.difference[i, j],
-            one.adjusted_p[i, j],
+            map_test.first,
+            map_test.second,
+            map_test.defenders[i],
+            map_test.attackers[j],
+            map_test.difference[i, j],
+            map_test.adjusted_p[i, j],
         )
-        for one in map_tests(study.win_maps)
-        for i, j in np.ndindex(one.difference.shape)
+        for map_test in map_tests(study.win_maps)
+        for i, j in np.ndindex(map_test.difference.shape)
     ]
     about = (
         "Win rate of the first method minus that of the second, ten defenders, and the p-value adjusted for all cells of "
@@ -149,13 +149,13 @@ def cell_tests(study: Study) -> Table:
 
 def memory(study: Study) -> Table:
     """Forgetting, run by run."""
-    method = {one.lineage: one.method for one in study.entrants}
+    method = {entrant.lineage: entrant.method for entrant in study.entrants}
     rows = [
         (
-            method[run], run, one.defender.backward_transfer, one.defender.final_worst,
-            one.attacker.backward_transfer, one.attacker.final_worst, one.home, one.away, one.home - one.away,
+            method[run], run, item.defender.backward_transfer, item.defender.final_worst,
+            item.attacker.backward_transfer, item.attacker.final_worst, item.home, item.away, item.home - item.away,
         )
-        for run, one in study.memory.items()
+        for run, item in study.memory.items()
     ]  # fmt: skip
     columns = (
         "method run defender_backward_transfer defender_worst_past attacker_backward_transfer attacker_worst_past "
@@ -172,9 +172,9 @@ def memory(study: Study) -> Table:
 def cyclic(study: Study) -> Table:
     """The cyclic share of the whole tournament and of each method."""
     rows = []
-    for name, one in study.cyclic.items():
+    for name, item in study.cyclic.items():
         shape = study.cyclic_part[name].played.shape
-        told = (None,) * 6 if one is None else (*one[:5], one.disc_share)
+        told = (None,) * 6 if item is None else (*item[:5], item.disc_share)
         rows.append((name, *shape, *told))
     columns = "part defenders attackers raw corrected noise noise_95 p_value disc_share"
     return _table(
@@ -187,7 +187,7 @@ def cyclic(study: Study) -> Table:
 
 def populations(study: Study) -> Table:
     """The value of each method's defenders against all attackers."""
-    rows = [(method, one.value, one.low, one.high) for method, one in study.populations.items()]
+    rows = [(method, item.value, item.low, item.high) for method, item in study.populations.items()]
     about = "Mean score of the defenders of a method as one mixture against the best mixture of all attackers."
     return _table(
         "population_value",
@@ -204,13 +204,13 @@ def endings(study: Study) -> Table:
     for role, side, told in zip(
         SIDES, (study.result.defenders, study.result.attackers), study.endings, strict=True
     ):
-        for i, one in enumerate(side):
+        for i, entrant in enumerate(side):
             rows.append(
                 (
                     role,
-                    one.label,
-                    one.identity,
-                    one.steps,
+                    entrant.label,
+                    entrant.identity,
+                    entrant.steps,
                     told.fights[i],
                     *told.share[i, causes],
                     *told.duration[i],
@@ -236,14 +236,16 @@ def score_matrix(study: Study) -> str:
     rate = score_rate(result)
     rows = [(one.identity, *values) for one, values in zip(result.defenders, rate, strict=True)]
     return to_csv(
-        _table("scores", "", ["defender", *(one.identity for one in result.attackers)], rows)
+        _table(
+            "scores", "", ["defender", *(attacker.identity for attacker in result.attackers)], rows
+        )
     )
 
 
 def _in_part(study: Study) -> tuple[list[float], list[float]]:
     """Nash average and alpha-Rank of every player; NaN outside the part without missing cells."""
     places = [
-        {one.identity: i for i, one in enumerate(side)}
+        {entrant.identity: i for i, entrant in enumerate(side)}
         for side in (study.nash_part.defenders, study.nash_part.attackers)
     ]
     found: tuple[list[float], list[float]] = ([], [])

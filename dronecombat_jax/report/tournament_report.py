@@ -133,9 +133,9 @@ def _verdict(
     except UserError as error:
         return ([], ""), [f"No comparison of methods: {error.message}."]
     write_atomic(out / "tables" / "comparison.json", to_json(verdict_json(verdict)))
-    cells = [map_tests.told(one) for one in map_tests.map_tests(told.win_maps)]
+    cells = [map_tests.told(map_test) for map_test in map_tests.map_tests(told.win_maps)]
     return (
-        [one.sentence for one in verdict.answers],
+        [answer.sentence for answer in verdict.answers],
         "\n\n".join([verdict_text(verdict), *cells]),
     ), []
 

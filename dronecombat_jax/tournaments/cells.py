@@ -69,7 +69,8 @@ def read_cells(
     cause = np.zeros((len(defenders), len(attackers), episodes), np.int8)
     steps = np.zeros(cause.shape, np.int32)
     index = [
-        {_digest(one).tobytes(): i for i, one in enumerate(side)} for side in (defenders, attackers)
+        {_digest(entrant).tobytes(): i for i, entrant in enumerate(side)}
+        for side in (defenders, attackers)
     ]
     wanted = _spelt(context)
     for path in sorted(folder.glob("*.npz")):

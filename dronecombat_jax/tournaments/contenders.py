@@ -81,7 +81,7 @@ def _player(policy: Policy, normalize: bool) -> Player:
 
 
 def _scripted(name: str) -> list[Contender]:
-    known = [(role, one) for role, pilots in PILOTS.items() for one in pilots]
+    known = [(role, pilot) for role, pilots in PILOTS.items() for pilot in pilots]
     chosen = [(role, one) for role, one in known if name in (ALL, one)]
     if not chosen:
         names = "; ".join(f"{SIDES[role]}s: {', '.join(pilots)}" for role, pilots in PILOTS.items())

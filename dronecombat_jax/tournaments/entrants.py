@@ -173,9 +173,11 @@ def _seats(contenders: list[Contender], role: int) -> list[Seat]:
     than of a file.
     """
     named: dict[str, dict[str, Contender]] = {}
-    for one in contenders:
-        if one.role == role:
-            named.setdefault(one.entrant.identity, {}).setdefault(one.entrant.label, one)
+    for contender in contenders:
+        if contender.role == role:
+            named.setdefault(contender.entrant.identity, {}).setdefault(
+                contender.entrant.label, contender
+            )
     return [_seat(list(same.values())) for same in named.values()]
 
 
@@ -183,12 +185,14 @@ def _seat(same: list[Contender]) -> Seat:
     """One place for contenders of the same content."""
     # else in the order named
     first, *others = sorted(same, key=lambda one: one.entrant.method == EXPORTED)
-    saved = [one.entrant for one in others if one.entrant.method != EXPORTED]
+    saved = [other.entrant for other in others if other.entrant.method != EXPORTED]
     also = tuple(
         Alias(one.label, one.method, one.run, one.seed, one.chunk, one.steps) for one in saved
     )
     return Seat(
-        first.entrant._replace(also=also), first.player, tuple(one.entrant.label for one in others)
+        first.entrant._replace(also=also),
+        first.player,
+        tuple(other.entrant.label for other in others),
     )
 
 

@@ -56,7 +56,7 @@ def other_differences(configs: Mapping[str, Config], by: str) -> list[str]:
     values = [flatten(config) for config in configs.values()]
     expected = ("run.", "train.seed", "train.num_seeds", "selfplay." if by == "method" else by)
     asked = ["train.total_steps"] if by in ("preset", "run") else list(settings.SCHEMA)
-    differ = lambda key: any(one[key] != values[0][key] for one in values)
+    differ = lambda key: any(value[key] != values[0][key] for value in values)
     return [key for key in asked if not key.startswith(expected) and differ(key)]
 
 
@@ -89,7 +89,7 @@ def regroup(result: TournamentResult, groups: Mapping[str, str]) -> TournamentRe
             raise UserError(f"the tournament has a run that was not given: {one.run}", EXIT_DATA)
     named = lambda one: one._replace(method=kind(one.run)) if one.run else one
     rename = lambda side: tuple(
-        named(one)._replace(also=tuple(map(named, one.also))) for one in side
+        named(entrant)._replace(also=tuple(map(named, entrant.also))) for entrant in side
     )
     return result._replace(defenders=rename(result.defenders), attackers=rename(result.attackers))
 

@@ -41,7 +41,7 @@ def save_result(folder: Path, result: TournamentResult, about: dict[str, Any]) -
             if cause
         },
         **{
-            f"{role}s": [_told(one) for one in side]
+            f"{role}s": [_told(entrant) for entrant in side]
             for role, side in zip(SIDES, _sides(result), strict=True)
         },
     }

@@ -18,15 +18,6 @@ from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.machine import backend
 
 CONSTRAINTS = Path(__file__).parents[2] / "constraints.txt"
-OURS = (
-    "DISPLAY",
-    "DRONECOMBAT_CACHE",
-    "MUJOCO_GL",
-    "PYOPENGL_PLATFORM",  # set by MuJoCo, where an earlier test of this process has drawn
-    "TF_CPP_MIN_LOG_LEVEL",
-    "WAYLAND_DISPLAY",
-    "XLA_FLAGS",
-)
 DEADLOCK_OFF = "--xla_cpu_enable_concurrency_optimized_scheduler=false"
 
 

@@ -8,17 +8,6 @@ from prepared import CLEAN, prepared
 
 from dronecombat_jax.errors import EXIT_CONFIG
 
-OURS = (
-    "DISPLAY",
-    "DRONECOMBAT_CACHE",
-    "MUJOCO_GL",
-    "PYOPENGL_PLATFORM",  # set by MuJoCo, where an earlier test of this process has drawn
-    "TF_CPP_MIN_LOG_LEVEL",
-    "WAYLAND_DISPLAY",
-    "XLA_FLAGS",
-)
-
-
 NUMBERS = """
 import sys
 from dronecombat_jax.machine import backend

@@ -16,10 +16,14 @@ class ReplayFlags:
     """Fly fights and write one page that replays them in a browser: no server, no network, no other
     file.
 
-    Before the flags: a RUN (its folder, or its name in runs/), policy files (.safetensors), or
-    scripted:NAME. Such as `dronecombat replay ippo`, `dronecombat replay ippo --defender
-    hover_guard --attacker 12`, `dronecombat replay ippo
-    --evolution`, `dronecombat replay --defender hover --attacker dash --out fight.gif`.
+    Before the flags: a RUN (its folder, or its name in runs/), policy files (.safetensors),
+    scripted:NAME or pilots:NAME (`dronecombat pilots` lists them). Without any the last run, or
+    where there is none yet the pilots that come with the package. Such as
+
+        dronecombat replay
+        dronecombat replay ippo --defender hover_guard --attacker 12
+        dronecombat replay ippo --evolution
+        dronecombat replay --defender hover --attacker dash --out fight.gif
     """
 
     defender: str = setting(

@@ -17,7 +17,7 @@ class TournamentFlags:
     """Every attacker against every defender of the ENTRANTS before the flags, and how they rate.
 
     An entrant is a run (its folder, or its name in runs/), a policy file (.safetensors),
-    scripted:NAME or scripted:all.
+    scripted:NAME, pilots:NAME, or `all` of either.
     """
 
     episodes: int = setting(

@@ -22,6 +22,7 @@ from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.manifest import CheckpointError, state_digest
 from dronecombat_jax.files.rundir import RunDirectory, find_run
+from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.file import load_policy, tensors_of
 from dronecombat_jax.policies.info import PolicyInfo
 from dronecombat_jax.runs.resume import newest_start
@@ -52,13 +53,17 @@ class Found(NamedTuple):
 
 
 def find(word: str, every: int = 1, untrained: bool = False) -> Found:
-    """The players that `word` names: `scripted:NAME`, `scripted:all`, a policy file, or a run.
+    """The players that `word` names: `scripted:NAME`, `pilots:NAME`, either with `all`, a policy
+    file, or a run.
 
     Of a run: both sides after every chunk, or every n-th and the last, as in the paper; also as
     they began with `untrained`. Raises UserError where there is nothing.
     """
     if word.startswith(SCRIPTED_PREFIX):
         return Found(_scripted(word.removeprefix(SCRIPTED_PREFIX)))
+    if word.startswith(shipped.PREFIX):
+        files = [_file(path) for path in shipped.paths(word.removeprefix(shipped.PREFIX))]
+        return Found([one for file in files for one in file.contenders], files[0].config)
     if word.endswith(POLICY_SUFFIX) or Path(word).is_file():
         return _file(Path(word))
     return _run(RunDirectory(find_run(word)), every, untrained)

@@ -15,12 +15,15 @@ from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.rundir import RunDirectory, find_run
+from dronecombat_jax.policies import shipped
 from dronecombat_jax.runs.evaluation import load_run, policies
 from dronecombat_jax.runs.resume import newest_start
 from dronecombat_jax.tournaments.contenders import POLICY_SUFFIX, SCRIPTED_PREFIX, find, identity_of
 from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Policy
 
 ANCHOR_PRESET = "duel"  # the game of scripted pilots alone
+# who flies where there is no run yet
+FIRST_LOOK = (f"{shipped.PREFIX}sippo-defender", f"{shipped.PREFIX}sippo-attacker")
 
 
 class Flyer(NamedTuple):
@@ -94,14 +97,11 @@ def of_run(run: RunDirectory, role: int, chunk: int | None, run_seed: int) -> Fl
     )
 
 
-def last_run(root: Path | str = "runs") -> RunDirectory:
-    """The run in `root` that saved last. UserError 3 where there is none."""
+def last_run(root: Path | str = "runs") -> RunDirectory | None:
+    """The run in `root` that saved last; None where there is none."""
     saved = [folder for folder in Path(root).glob("*/checkpoints") if folder.is_dir()]
     if not saved:
-        raise UserError(
-            f"no run is in {root}/ yet: train, or name pilots: --defender hover --attacker dash",
-            EXIT_DATA,
-        )
+        return None
     return RunDirectory(max(saved, key=lambda folder: folder.stat().st_mtime).parent)
 
 
@@ -141,13 +141,16 @@ def _read_words(named: Named) -> tuple[RunDirectory | None, dict[int, Flyer], Co
         config = config or game
     if not named.words and not any(_stands_alone(word) for word in named.wanted):
         run = last_run()
+        if run is None and not any(named.wanted):  # a first look, before any training
+            return _read_words(named._replace(words=FIRST_LOOK))
     if run is not None:
         config = newest_start(run).config
     return run, flyers, config or settings.load(ANCHOR_PRESET)
 
 
 def _is_player(word: str) -> bool:
-    return word.startswith(SCRIPTED_PREFIX) or word.endswith(POLICY_SUFFIX) or Path(word).is_file()
+    named = word.startswith((SCRIPTED_PREFIX, shipped.PREFIX))
+    return named or word.endswith(POLICY_SUFFIX) or Path(word).is_file()
 
 
 def _stands_alone(word: str) -> bool:

@@ -14,7 +14,7 @@ install = echo "installing packages into $(1); what pip says is in $(1)/install.
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo tournament report replay test test-slow check format bench bench-scaling bench-peers clean
+.PHONY: help train-ippo train-sippo tournament report replay test test-quick test-slow check format bench bench-scaling bench-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -38,6 +38,13 @@ replay: $(VENV)/.runtime ## a page that replays the last run's fights, in a brow
 # A file of tests goes to one of two processes, and shares there what it compiles.
 test: $(VENV)/.dev ## the fast tests, in two processes (ARGS="-n 0": in one)
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+
+# Rooms whose tests compile little: for the loop of editing and testing.
+QUICK := tests/config tests/files tests/analysis tests/policies tests/combat tests/test_architecture.py \
+	tests/learn/test_ppo.py tests/learn/test_networks.py tests/learn/test_normalize.py \
+	tests/selfplay/test_samplers.py tests/cli/test_commands.py tests/cli/test_program.py
+test-quick: $(VENV)/.dev ## the tests of the rooms that compile little, about a minute
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(QUICK) $(ARGS)
 
 test-slow: $(VENV)/.dev ## the tests that take minutes
 	$(BIN)/python -m pytest -m slow $(ARGS)

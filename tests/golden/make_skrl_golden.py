@@ -13,16 +13,14 @@ import gymnasium
 import numpy as np
 import skrl
 import torch
+from make_skrl_models import ACTION_SIZE, GAIN, OBSERVATION_SIZE, Policy, Value
 from skrl.memories.torch import RandomMemory
-from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
 from skrl.multi_agents.torch.ippo import IPPO
 from skrl.resources.preprocessors.torch import RunningStandardScaler
 from skrl.resources.schedulers.torch import KLAdaptiveLR
 
 AGENTS = ("defender", "attacker")
-OBSERVATION_SIZE, ACTION_SIZE, HIDDEN_SIZES = 7, 3, (16, 8)
 ROLLOUT_STEPS, NUM_ENVS = 12, 8
-GAIN = 2.0**0.5
 HYPER = {
     "rollouts": ROLLOUT_STEPS,
     "learning_epochs": 3,
@@ -70,48 +68,6 @@ VARIANTS = {
     "up": Variant(seed=11, log_std=(0.0, 0.0, 0.0), warm_batches=0),
     "down": Variant(seed=49, log_std=(-1.6, -1.8, -1.4), warm_batches=1),
 }
-
-
-def mlp(output_size: int) -> torch.nn.Sequential:
-    """Hidden layers with ELU and a linear output."""
-    layers: list[torch.nn.Module] = []
-    width = OBSERVATION_SIZE
-    for size in HIDDEN_SIZES:
-        layers += [torch.nn.Linear(width, size), torch.nn.ELU()]
-        width = size
-    return torch.nn.Sequential(*layers, torch.nn.Linear(width, output_size))
-
-
-class Policy(GaussianMixin, Model):
-    """Gaussian with a free log-std; the log-probability is of the unclipped action."""
-
-    def __init__(self, observation_space, action_space, log_std):
-        Model.__init__(self, observation_space, action_space, "cpu")
-        GaussianMixin.__init__(
-            self,
-            clip_actions=False,
-            clip_log_std=True,
-            min_log_std=-20,
-            max_log_std=2,
-            reduction="sum",
-        )
-        self.net = mlp(ACTION_SIZE)
-        self.log_std_parameter = torch.nn.Parameter(torch.tensor(log_std))
-
-    def compute(self, inputs, role):
-        return self.net(inputs["states"]), self.log_std_parameter, {}
-
-
-class Value(DeterministicMixin, Model):
-    """State value in the value scaler's normalised units."""
-
-    def __init__(self, observation_space, action_space):
-        Model.__init__(self, observation_space, action_space, "cpu")
-        DeterministicMixin.__init__(self, clip_actions=False)
-        self.net = mlp(1)
-
-    def compute(self, inputs, role):
-        return self.net(inputs["states"]), {}
 
 
 def make_agent(variant: Variant) -> IPPO:

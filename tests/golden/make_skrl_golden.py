@@ -1,8 +1,8 @@
 """Make `skrl_update.npz`: one update of skrl 1.4.3's torch IPPO, for the parity test to read.
 
 What lives here: a synthetic rollout, skrl's own agent driven through its public calls, and the
-arrays another implementation needs to repeat the update. What does not: any maths of skrl, and
-any import of this project. Runs in its own environment, never in the tests; see README.md here.
+arrays another implementation needs to repeat the update. What does not: any maths of skrl, any
+import of this project. Runs in its own environment, never in the tests; see README.md here.
 """
 
 import argparse
@@ -49,7 +49,6 @@ RECORDED = {
     "truncated": "truncated",
 }
 TARGETS = {"value_normalized": "values", "return_normalized": "returns", "advantage": "advantages"}
-
 Arrays = dict[str, np.ndarray]
 Tensors = dict[str, torch.Tensor]
 

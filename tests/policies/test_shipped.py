@@ -30,7 +30,7 @@ def test_ten_of_each_side_and_method_with_a_card_each():
 @pytest.mark.parametrize("name", shipped.names())
 def test_each_file_is_sound_and_says_who_it_is(name):
     (path,) = shipped.paths(name)
-    policy, info = load_policy(path)
+    _, info = load_policy(path)
     side, chunk = name.split("-")[1:]
     assert (info.role, info.chunk) == (side, int(chunk))
     assert shipped.cards()[name].steps == info.steps

@@ -15,6 +15,7 @@ os.environ.pop("MPLBACKEND", None)  # a notebook's: no test opens a window
 LITTLE_OPTIMISATION = (
     "--xla_backend_optimization_level=0",
     "--xla_llvm_disable_expensive_passes=true",
+    "--xla_cpu_parallel_codegen_split_count=1",  # two cores, two test processes
 )
 os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *LITTLE_OPTIMISATION]).strip()
 # A shell's background job ignores Ctrl-C, and so would every program that a test starts.

@@ -66,7 +66,15 @@ def test_train_rate_and_fly():
     assert action.shape == (4,) and np.all(np.abs(action) <= 1.0)
 
 
-@pytest.mark.parametrize("name", ["own_sampler", "own_reward", "own_observation", "own_algorithm"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "own_algorithm",
+        "own_observation",
+        pytest.param("own_sampler", marks=pytest.mark.slow),
+        pytest.param("own_reward", marks=pytest.mark.slow),
+    ],
+)
 def test_parts_of_ones_own(name, capsys):
     example(name).main("small.toml")
     run = Path("runs") / name.replace("_", "-")

@@ -24,8 +24,8 @@ def pilots(args: Sequence[str]) -> int:
     given: PilotsFlags = flags.read(PilotsFlags, args, "dronecombat pilots", positional="name")
     from dronecombat_jax.policies import shipped
 
-    cards = shipped.cards()
     chosen = [path.stem for path in shipped.paths(given.name or shipped.ALL)]
+    cards = shipped.cards()
     print(f"{'pilot':<22} {'steps':>7}  rating    95 %          loses to (share won)")
     for name in chosen:
         card = cards[name]

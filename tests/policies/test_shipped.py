@@ -1,58 +1,70 @@
-"""The pilots that come with the package: names, cards, size, and that they fly."""
+"""Pilots that come with the package: names, cards, and that they are found wherever a file is."""
 
 import json
 
-import numpy as np
 import pytest
+from policies import SIZES, make_info, make_policy
 
 from dronecombat_jax.cli import commands
+from dronecombat_jax.config import settings
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.policies import shipped
-from dronecombat_jax.policies.file import load_policy
-from dronecombat_jax.policies.numpy_policy import NumpyPolicy
+from dronecombat_jax.policies.file import save_policy
 from dronecombat_jax.tournaments.contenders import find
+from dronecombat_jax.types import ATTACKER, DEFENDER
+from dronecombat_jax.watch.flyers import Named, read_crew
 
-MOST_BYTES = 6_000_000  # of the wheel, which is compressed
-
-
-def test_ten_of_each_side_and_method_with_a_card_each():
-    names = shipped.names()
-    kinds = {name.rpartition("-")[0] for name in names}
-    assert kinds == {f"{m}-{side}" for m in ("ippo", "sippo") for side in ("defender", "attacker")}
-    assert all(sum(name.rpartition("-")[0] == kind for name in names) == 10 for kind in kinds)
-    cards = shipped.cards()
-    assert cards.keys() == set(names)
-    for name, card in cards.items():
-        assert card.low < card.rating < card.high and card.steps > 0, name
-        assert card.trained in ("make train-ippo", "make train-sippo")
+NAMES = ("ippo-attacker-9", "ippo-attacker-34", "ippo-defender-34", "sippo-attacker-34")
 
 
-@pytest.mark.parametrize("name", shipped.names())
-def test_each_file_is_sound_and_says_who_it_is(name):
-    (path,) = shipped.paths(name)
-    _, info = load_policy(path)
-    side, chunk = name.split("-")[1:]
-    assert (info.role, info.chunk) == (side, int(chunk))
-    assert shipped.cards()[name].steps == info.steps
-    action = NumpyPolicy(path)(np.zeros(35))
-    assert action.shape == (4,) and np.all(np.isfinite(action))
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> None:
+    """Four pilots with their cards in the place of the package's, and no run beside them."""
+    monkeypatch.setattr(shipped, "FOLDER", tmp_path)
+    cards = {}
+    for seed, name in enumerate((*NAMES, "sippo-defender-34")):
+        method, side, chunk = name.split("-")
+        changes = {"role": side, "run": method, "chunk": int(chunk), "layer_sizes": SIZES}
+        info = make_info(settings.load("duel"), **changes)
+        save_policy(tmp_path / f"{name}.safetensors", make_policy(seed=seed), info)
+        cards[name] = {
+            "trained": f"make train-{method}", "steps": 6_000_000, "rating": 1500.0 + seed,
+            "low": 1400.0, "high": 1600.0, "loses_to": ["hover_guard (0.10)"] * (seed % 2),
+        }  # fmt: skip
+    (tmp_path / shipped.CARDS).write_text(json.dumps(cards))
+    monkeypatch.chdir(tmp_path)
 
 
-def test_the_newest_of_a_kind_needs_no_number():
-    (path,) = shipped.paths("ippo-attacker")
-    numbers = [int(name.rpartition("-")[2]) for name in shipped.names() if "ippo-att" in name]
-    assert path.stem == f"ippo-attacker-{max(numbers)}"
-    assert len(shipped.paths("all")) == len(shipped.names()) == 40
+def test_names_are_in_order_and_the_newest_needs_no_number(folder):
+    assert shipped.names()[:3] == list(NAMES[:3])
+    assert [path.stem for path in shipped.paths("ippo-attacker")] == ["ippo-attacker-34"]
+    assert [path.stem for path in shipped.paths("ippo-attacker-9")] == ["ippo-attacker-9"]
+    assert len(shipped.paths("all")) == 5
 
 
-def test_all_of_them_take_part_in_a_tournament():
+def test_they_take_part_in_a_tournament_as_files_do(folder):
     found = find("pilots:all")
-    assert len(found.contenders) == 40 and found.config is not None
-    assert {contender.role for contender in found.contenders} == {0, 1}
-    assert len({contender.entrant.identity for contender in found.contenders}) == 40
+    assert found.config is not None and found.config.game == settings.load("duel").game
+    assert len(found.contenders) == 5
+    sides = [contender.role for contender in found.contenders]
+    assert sides == [ATTACKER, ATTACKER, DEFENDER, ATTACKER, DEFENDER]
+    (alone,) = find("pilots:ippo-attacker").contenders
+    assert alone.entrant.label == "ippo-attacker-34" and alone.entrant.chunk == 34
 
 
-def test_an_unknown_name_is_one_line(capsys):
+def test_they_fly_a_replay_and_the_first_one_needs_no_word(folder):
+    crew = read_crew(Named(("pilots:ippo-attacker-9",), ("hover", "")))
+    assert [flyer.label for flyer in crew.flyers] == ["hover (scripted)", "ippo-attacker-9"]
+    crew = read_crew(Named())
+    assert [flyer.label for flyer in crew.flyers] == ["sippo-defender-34", "sippo-attacker-34"]
+
+
+def test_a_chunk_still_needs_a_run(folder):
+    with pytest.raises(UserError, match="a chunk number needs a RUN"):
+        read_crew(Named((), ("5", "")))
+
+
+def test_an_unknown_name_is_one_line(folder, capsys):
     with pytest.raises(UserError, match="did you mean ippo-attacker") as error:
         shipped.paths("ippo-atacker")
     assert error.value.exit_code == EXIT_CONFIG
@@ -67,15 +79,9 @@ def test_a_package_without_pilots_says_so(tmp_path, monkeypatch):
     assert error.value.exit_code == EXIT_DATA
 
 
-def test_the_command_lists_them(capsys):
+def test_the_command_lists_them(folder, capsys):
     assert commands.main(["pilots"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 42 and "ippo-attacker" in lines[1] and "1500" in lines[-1]
-
-
-def test_they_are_small_enough_to_ship():
-    import zlib
-
-    packed = sum(len(zlib.compress(path.read_bytes())) for path in shipped.paths("all"))
-    assert packed < MOST_BYTES - 1_000_000  # the rest of the wheel
-    assert json.loads((shipped.FOLDER / shipped.CARDS).read_text())
+    assert len(lines) == 7 and lines[1].split()[:2] == ["ippo-attacker-9", "6.0"]
+    assert "hover_guard (0.10)" in lines[2] and "nobody" in lines[1]
+    assert "make train-ippo, make train-sippo" in lines[-1]

@@ -18,7 +18,7 @@ class ReplayFlags:
 
     Before the flags: a RUN (its folder, or its name in runs/), policy files (.safetensors),
     scripted:NAME or pilots:NAME (`dronecombat pilots` lists them). Without any the last run, or
-    where there is none yet the pilots that come with the package. Such as
+    where there is none yet pilots that come with the package. Such as
 
         dronecombat replay
         dronecombat replay ippo --defender hover_guard --attacker 12

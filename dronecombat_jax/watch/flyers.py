@@ -22,8 +22,9 @@ from dronecombat_jax.tournaments.contenders import POLICY_SUFFIX, SCRIPTED_PREFI
 from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Policy
 
 ANCHOR_PRESET = "duel"  # the game of scripted pilots alone
-# who flies where there is no run yet
+# who flies where there is no run yet: pilots of the package, or where it holds none scripted ones
 FIRST_LOOK = (f"{shipped.PREFIX}sippo-defender", f"{shipped.PREFIX}sippo-attacker")
+SCRIPTED_LOOK = (f"{SCRIPTED_PREFIX}proportional_navigation", f"{SCRIPTED_PREFIX}weave")
 
 
 class Flyer(NamedTuple):
@@ -142,7 +143,8 @@ def _read_words(named: Named) -> tuple[RunDirectory | None, dict[int, Flyer], Co
     if not named.words and not any(_stands_alone(word) for word in named.wanted):
         run = last_run()
         if run is None and not any(named.wanted):  # a first look, before any training
-            return _read_words(named._replace(words=FIRST_LOOK))
+            words = FIRST_LOOK if shipped.names() else SCRIPTED_LOOK
+            return _read_words(named._replace(words=words))
     if run is not None:
         config = newest_start(run).config
     return run, flyers, config or settings.load(ANCHOR_PRESET)

@@ -59,6 +59,13 @@ def test_they_fly_a_replay_and_the_first_one_needs_no_word(folder):
     assert [flyer.label for flyer in crew.flyers] == ["sippo-defender-34", "sippo-attacker-34"]
 
 
+def test_without_pilots_the_first_replay_is_of_scripted_ones(tmp_path, monkeypatch):
+    monkeypatch.setattr(shipped, "FOLDER", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    labels = [flyer.label for flyer in read_crew(Named()).flyers]
+    assert labels == ["proportional_navigation (scripted)", "weave (scripted)"]
+
+
 def test_a_chunk_still_needs_a_run(folder):
     with pytest.raises(UserError, match="a chunk number needs a RUN"):
         read_crew(Named((), ("5", "")))

@@ -17,7 +17,7 @@ class TournamentFlags:
     """Every attacker against every defender of the ENTRANTS before the flags, and how they rate.
 
     An entrant is a run (its folder, or its name in runs/), a policy file (.safetensors),
-    scripted:NAME, pilots:NAME, or `all` of either.
+    scripted:NAME, scripted:all or pilots:NAME.
     """
 
     episodes: int = setting(

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from dronecombat_jax.cli.machine import doctor
+from dronecombat_jax.cli.play import play
 from dronecombat_jax.cli.replay import replay
 from dronecombat_jax.cli.runs import evaluate, export
 from dronecombat_jax.cli.tournaments import compare, report, tournament
@@ -28,6 +29,7 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "report": report,
     "compare": compare,
     "replay": replay,
+    "play": play,
     "doctor": doctor,
 }
 

@@ -106,6 +106,10 @@ export class Page {
     document.addEventListener("keyup", (event) => {
       if (this.pad.key(event, false)) event.preventDefault();
     });
+    this.root.addEventListener("click", (event) => {
+      // a button that was clicked, not reached by keys, gives Enter back to the game
+      if (event.detail > 0) this.host.shadowRoot.activeElement?.blur();
+    });
     const leave = () => (this.pad.release(), this.acts.pause());
     window.addEventListener("blur", leave);
     document.addEventListener("visibilitychange", () => document.hidden && leave());
@@ -113,14 +117,10 @@ export class Page {
 
   /** What the person wants, in the world: forward is where the camera looks. */
   wish() {
-    const { right, forward, up } = this.sticksNow;
+    const { right, forward, up } = this.pad.read();
     const yaw = this.scene?.chase.forward ?? 0;
     const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
     return { x: forward * cos + right * sin, y: forward * sin - right * cos, up };
-  }
-
-  get sticksNow() {
-    return this.pad.read();
   }
 
   stepped(state) {
@@ -136,8 +136,7 @@ export class Page {
   }
 
   paint() {
-    if (!this.scene) return;
-    this.scene.paint();
+    this.scene?.paint();
   }
 
   say(text) {

@@ -216,9 +216,7 @@ def test_a_gamepad(browser: Any, pages: dict[str, str]):
     tab.until(lambda: tab.phase() == "flying")
     press(False)
     tab.ask("padNow.axes = [0.1, -0.9, 0, 0]; padNow.buttons[7].value = 0.5")
-    assert tab.ask("return it.pad.read()") == pytest.approx(
-        {"right": 0, "forward": 0.9, "up": 0.5}
-    )
+    assert tab.ask("return it.pad.read()") == pytest.approx({"right": 0, "forward": 0.9, "up": 0.5})
     tab.steps(20)
     assert tab.place(1)[0] > 0.02
     press(True)

@@ -41,7 +41,9 @@ def in_node(asked: dict[str, Any]) -> dict[str, Any]:
 def as_json(state: EnvState) -> dict[str, Any]:
     """One fight's state as the page's code holds it."""
     drones = []
-    for pose, twist in zip(np.reshape(state.qpos, (2, 7)), np.reshape(state.qvel, (2, 6)), strict=True):
+    for pose, twist in zip(
+        np.reshape(state.qpos, (2, 7)), np.reshape(state.qvel, (2, 6)), strict=True
+    ):
         parts = (pose[:3], pose[3:], twist[:3], twist[3:])
         drones.append(dict(zip(FIELDS, (part.tolist() for part in parts), strict=True)))
     return {

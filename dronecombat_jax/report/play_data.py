@@ -38,8 +38,8 @@ def refuse_unknown_game(config: Config) -> None:
     game = config.game
     if game.scenario == "solo":
         raise UserError("game.scenario = solo: a person needs somebody to fly against: a duel")
-    if game_of(config) is not DUEL or game.observation not in OBSERVATIONS:
-        what = "scenario" if game_of(config) is not DUEL else "observation"
+    known = {"scenario": game_of(config) is DUEL, "observation": game.observation in OBSERVATIONS}
+    for what in (what for what, is_known in known.items() if not is_known):
         name = one_line(getattr(game, what))
         raise UserError(f"game.{what} = {name}: the page knows the package's own alone")
 

@@ -170,9 +170,9 @@ def test_never_faster_than_real_time_and_not_in_the_background(browser: Any, pag
 def test_the_mouse_is_a_stick(browser: Any, pages: dict[str, str]):
     tab = Game(browser, pages["hover"], WIDE)
     tab.start()
-    tab.page.mouse.move(500, 500)
+    tab.page.mouse.move(300, 400)
     tab.page.mouse.down()
-    tab.page.mouse.move(500, 430, steps=3)
+    tab.page.mouse.move(300, 330, steps=3)
     assert tab.ask("return it.pad.read()") == pytest.approx({"right": 0, "forward": 1, "up": 0})
     assert tab.page.locator(".stick.move").is_visible()
     tab.steps(20)

@@ -66,7 +66,11 @@ function picture(acts) {
   const marker = (kind) => {
     const arrow = element("i", { text: "\u25b2" });
     const label = element("span");
-    return { box: element("div", { class: `marker ${kind}`, hidden: true }, arrow, label), arrow, label };
+    return {
+      box: element("div", { class: `marker ${kind}`, hidden: true }, arrow, label),
+      arrow,
+      label,
+    };
   };
   const markers = { other: marker("other"), target: marker("target") };
   const stick = (kind) => {
@@ -87,7 +91,10 @@ function picture(acts) {
     banner.button,
   );
   const message = element("p", { class: "message", role: "alert", hidden: true });
-  const size = element("p", { class: "size", text: `drones drawn ${ENLARGEMENT} times their size` });
+  const size = element("p", {
+    class: "size",
+    text: `drones drawn ${ENLARGEMENT} times their size`,
+  });
   const over = [...Object.values(markers), ...Object.values(sticks)].map(({ box }) => box);
   const stage = element("div", { class: "stage pad" }, canvas, ...over, size, banner.box, message);
   return { canvas, markers, sticks, banner, message, stage };
@@ -122,8 +129,22 @@ function bar(acts) {
   };
   const names = SPEEDS.map((speed) => [speed, `${FRACTIONS[speed]}\u00d7`]);
   const speeds = choice("Speed: 1\u00d7 is real time", names, acts.speed);
-  const sides = choice("Your side", [[0, "Defend"], [1, "Attack"]], acts.choose);
-  const cameras = choice("Camera", [[false, "Chase"], [true, "Fixed"]], acts.fix);
+  const sides = choice(
+    "Your side",
+    [
+      [0, "Defend"],
+      [1, "Attack"],
+    ],
+    acts.choose,
+  );
+  const cameras = choice(
+    "Camera",
+    [
+      [false, "Chase"],
+      [true, "Fixed"],
+    ],
+    acts.fix,
+  );
   const again = tool("Again from the start", ICONS.again, acts.restart);
   const controls = element(
     "div",

@@ -129,7 +129,9 @@ export class Page {
     const { before, time, end } = this.session;
     const now = performance.now() / 1000;
     const fell = state.out.map((down, role) => down && !before.out[role]);
-    fell.forEach((down, role) => down && this.scene.mark(state.drones[role].position, now, ROLES[role]));
+    fell.forEach(
+      (down, role) => down && this.scene.mark(state.drones[role].position, now, ROLES[role]),
+    );
     if (!state.cause || fell.some(Boolean) || time === 0) return;
     const colour = end.winner === "nobody" ? "neutral" : end.winner;
     this.scene.mark(state.drones[1].position, now, colour);
@@ -164,7 +166,8 @@ export class Page {
       { nodes: this.sides.nodes, value: person },
       { nodes: this.cameras.nodes, value: this.scene?.chase.fixed ?? false },
     ])
-      for (const each of nodes) each.node.setAttribute("aria-pressed", String(each.value === value));
+      for (const each of nodes)
+        each.node.setAttribute("aria-pressed", String(each.value === value));
     this.cards.forEach(({ name }, role) => {
       write(name, role === person ? "you" : opponent);
       name.title = name.textContent;

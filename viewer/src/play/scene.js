@@ -54,7 +54,10 @@ export class Scene {
     for (const { trail, body, plumb } of this.parts)
       this.group.add(body.group, ...trail.meshes, ...plumb.meshes);
     this.guard = bubble(paint[0], rules.intercept_radius, 0.05, 0.5);
-    this.group.add(this.guard, targetMark(new Color(this.colour("target")), target, rules.reach_radius));
+    this.group.add(
+      this.guard,
+      targetMark(new Color(this.colour("target")), target, rules.reach_radius),
+    );
     const places = [...drones.map(({ position }) => position), target];
     this.target = target;
     this.person = person;

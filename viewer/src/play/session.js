@@ -116,7 +116,8 @@ export class Session {
   /** The drone between its last two states, so that it moves evenly on every screen. */
   drone(role) {
     const [from, to] = [this.before.drones[role], this.state.drones[role]];
-    const mix = (a, b, sign = 1) => a.map((x, i) => (1 - this.share) * x + sign * this.share * b[i]);
+    const mix = (a, b, sign = 1) =>
+      a.map((x, i) => (1 - this.share) * x + sign * this.share * b[i]);
     const same = from.quaternion.reduce((sum, x, i) => sum + x * to.quaternion[i], 0);
     const turned = mix(from.quaternion, to.quaternion, same < 0 ? -1 : 1);
     const norm = Math.hypot(...turned) || 1;

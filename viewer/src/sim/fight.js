@@ -27,7 +27,12 @@ export class Game {
       });
       return [x, y, low + random() * (high - low)];
     });
-    const still = (position) => ({ position, quaternion: [1, 0, 0, 0], velocity: REST, rate: REST });
+    const still = (position) => ({
+      position,
+      quaternion: [1, 0, 0, 0],
+      velocity: REST,
+      rate: REST,
+    });
     return {
       drones: [still(defender), still(attacker)],
       target,
@@ -46,7 +51,9 @@ export class Game {
     if (state.cause !== CAUSE.NONE) return state;
     const { drones: before, target, out } = state;
     const invalid = actions.map((action, role) => !action.every(Number.isFinite) && !out[role]);
-    const finite = actions.map((action) => action.map((part) => (Number.isFinite(part) ? part : 0)));
+    const finite = actions.map((action) =>
+      action.map((part) => (Number.isFinite(part) ? part : 0)),
+    );
     const flown = this.fly(before, finite);
     const sane = flown.every(isSane);
     const drones = before.map((drone, role) => (sane && !out[role] ? flown[role] : atRest(drone)));

@@ -30,7 +30,8 @@ export function buildStep(flight) {
       const thrust = (bodies[role].fullThrust * (action[0] + 1)) / 2;
       const moment = scale(flight.moment_scale, action.slice(1));
       let after = drone;
-      for (let i = 0; i < flight.substeps; i += 1) after = bodies[role].substep(after, thrust, moment);
+      for (let i = 0; i < flight.substeps; i += 1)
+        after = bodies[role].substep(after, thrust, moment);
       return after;
     });
 }
@@ -97,7 +98,8 @@ class Body {
 
 /** Drag at `velocity` along the principal axes, and its loss per unit of velocity. */
 function resist({ viscous, quadratic }, velocity) {
-  const of = (factor) => viscous.map((part, i) => part + factor * quadratic[i] * Math.abs(velocity[i]));
+  const of = (factor) =>
+    viscous.map((part, i) => part + factor * quadratic[i] * Math.abs(velocity[i]));
   return { force: scale(-1, times(of(1), velocity)), slope: of(2) };
 }
 

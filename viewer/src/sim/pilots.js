@@ -77,10 +77,7 @@ function proportionalNavigation(body, { own, other }) {
   const lift = Math.min(body.gravity / Math.max(up[2], 1e-3), body.maxForce);
   const turning = subtract(scale(lift, up), [0, 0, body.gravity]);
   const across = (vector) => subtract(vector, scale(dot(vector, along), along));
-  const miss = add(
-    scale(1 / Math.max(time, 0.05), across(relative)),
-    scale(0.5, across(turning)),
-  );
+  const miss = add(scale(1 / Math.max(time, 0.05), across(relative)), scale(0.5, across(turning)));
   return fullThrust(body, along, scale(NAVIGATION_CONSTANT, miss));
 }
 

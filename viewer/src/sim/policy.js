@@ -6,7 +6,9 @@ export function buildPolicy({ sizes, clip, normalize, numbers }) {
   let from = 0;
   const take = (count) => all.subarray(from, (from += count));
   const [mean, spread] = [take(sizes[0]), take(sizes[0])];
-  const layers = sizes.slice(1).map((wide, i) => ({ weight: take(sizes[i] * wide), bias: take(wide) }));
+  const layers = sizes
+    .slice(1)
+    .map((wide, i) => ({ weight: take(sizes[i] * wide), bias: take(wide) }));
   if (from !== all.length) throw new Error("the policy's numbers do not fit its layers");
   return (observation) => {
     let x = observation;

@@ -14,7 +14,7 @@ install = echo "installing packages into $(1); what pip says is in $(1)/install.
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo tournament report replay test test-quick test-slow check format bench bench-scaling bench-peers clean
+.PHONY: help train-ippo train-sippo tournament report replay play test test-quick test-slow check format bench bench-scaling bench-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -34,6 +34,9 @@ report: $(VENV)/.runtime ## draw a tournament (ARGS=its folder or name)
 
 replay: $(VENV)/.runtime ## a page that replays the last run's fights, in a browser if there is one (RUN=name, ARGS="--evolution")
 	$(BIN)/dronecombat replay $(RUN) --open $(ARGS)
+
+play: $(VENV)/.runtime ## a page on which you fly against the last run, in a browser if there is one (RUN=name, ARGS="--side defender")
+	$(BIN)/dronecombat play $(RUN) --open $(ARGS)
 
 # A file of tests goes to one of two processes, and shares there what it compiles.
 test: $(VENV)/.dev ## the fast tests, in two processes (ARGS="-n 0": in one)

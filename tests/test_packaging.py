@@ -53,9 +53,9 @@ def test_the_wheel_holds_modules_scene_and_presets_and_nothing_else(wheel):
     assert {path.name.split("-")[0] for path in wheel.iterdir()} == {"dronecombat_jax"}
 
 
-def test_the_wheel_holds_the_replay_pages_script_and_its_licence(wheel):
+def test_the_wheel_holds_the_pages_scripts_and_their_licence(wheel):
     files = names(wheel / "dronecombat_jax", "report/viewer/*")
-    assert files == {"report/viewer/replay.js", "report/viewer/three.LICENSE"}
+    assert files == {f"report/viewer/{name}" for name in ("replay.js", "play.js", "three.LICENSE")}
     assert files == names(ROOT / "dronecombat_jax", "report/viewer/*")
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 from dronecombat_jax.cli.machine import doctor
 from dronecombat_jax.cli.pilots import pilots
+from dronecombat_jax.cli.play import play
 from dronecombat_jax.cli.replay import replay
 from dronecombat_jax.cli.runs import evaluate, export
 from dronecombat_jax.cli.tournaments import compare, report, tournament
@@ -30,6 +31,7 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "compare": compare,
     "replay": replay,
     "pilots": pilots,
+    "play": play,
     "doctor": doctor,
 }
 

@@ -99,10 +99,16 @@ def replay_data(title: str, about: str, fights: Sequence[Fight], rules: Rules) -
 
 def verdict(cause: Cause, winner: Outcome, end: float) -> str:
     """Who wins and why, as one sentence; `end` in s."""
+    reason = who_and_why(cause, winner)
+    return reason if cause == Cause.NONE else f"{reason} after {end:.2f}\u00a0s"
+
+
+def who_and_why(cause: Cause, winner: Outcome) -> str:
+    """The same without the time."""
     if cause == Cause.NONE:
         return f"No result: {_REASONS[cause]}"
     who = "Nobody wins" if winner == Outcome.DRAW else f"{WINNERS[winner].capitalize()} wins"
-    return f"{who}: {_REASONS[cause]} after {end:.2f}\u00a0s"
+    return f"{who}: {_REASONS[cause]}"
 
 
 def _fight(fight: Fight, rules: Rules, most: int) -> dict[str, Any]:

@@ -15,10 +15,10 @@ SCRIPT = Path(__file__).with_name("viewer") / "replay.js"
 CELL_HEIGHT = 620  # pixels
 _POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
 _STYLE = """
-html, body { height: 100%; margin: 0 } :root { color-scheme: light dark }
-body { font: 16px/1.5 system-ui, sans-serif }
-#replay, .dronecombat-replay-page { height: 100vh; height: 100dvh }
-#replay > p { margin: 0; padding: 2rem }
+html, body {{ height: 100%; margin: 0 }} :root {{ color-scheme: light dark }}
+body {{ font: 16px/1.5 system-ui, sans-serif }}
+#{name}, .dronecombat-{name}-page {{ height: 100vh; height: 100dvh }}
+#{name} > p {{ margin: 0; padding: 2rem }}
 """
 _WAITING = (
     "The replay of the fights stands here once its script has run. "
@@ -28,14 +28,20 @@ _WAITING = (
 
 def page(data: dict[str, Any]) -> str:
     """One self-contained file. It asks nobody for anything, and its policy forbids it to."""
+    code = f"{script()}\n{_call('replay', data, embedded=False)}"
+    return document("replay", data["title"], _WAITING, code)
+
+
+def document(name: str, title: str, waiting: str, code: str) -> str:
+    """A whole page: an element `name` that holds `waiting` until the script `code` fills it."""
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1, viewport-fit=cover">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
-        f'<link rel="icon" href="data:,">\n<title>{escape(data["title"])}</title>\n'
-        f"<style>{_STYLE}</style>\n"
-        f'</head>\n<body>\n<div id="replay"><p>{_WAITING}</p></div>\n'
-        f"<script>{script()}\n{_call('replay', data, embedded=False)}</script>\n</body>\n</html>\n"
+        f'<link rel="icon" href="data:,">\n<title>{escape(title)}</title>\n'
+        f"<style>{_STYLE.format(name=name)}</style>\n"
+        f'</head>\n<body>\n<div id="{name}"><p>{waiting}</p></div>\n'
+        f"<script>{code}</script>\n</body>\n</html>\n"
     )
 
 
@@ -45,7 +51,7 @@ def cell(data: dict[str, Any], name: str, height: int = CELL_HEIGHT) -> str:
     No frame, since VS Code runs no scripts in nested ones. The whole script is in each cell and
     runs in the first: a notebook that was exported, or whose other cells were cleared, still plays.
     """
-    once = f"if (globalThis.dronecombatReplay?.sources !== {_plain(sources())}) {{\n{script()}\n}}"
+    once = f"if (globalThis.dronecombatReplay?.sources !== {plain(sources())}) {{\n{script()}\n}}"
     return (
         f'<div id="{escape(name)}" data-lm-suppress-shortcuts="true" '
         f'style="height: {int(height)}px">'
@@ -68,9 +74,9 @@ def sources() -> str:
 
 def _call(name: str, data: dict[str, Any], embedded: bool) -> str:
     options = json.dumps({"embedded": embedded})
-    return f"dronecombatReplay({_plain(name)}, {_plain(data)}, {options});"
+    return f"dronecombatReplay({plain(name)}, {plain(data)}, {options});"
 
 
-def _plain(value: Any) -> str:
+def plain(value: Any) -> str:
     """JSON inside a script: no name can end the script or begin a comment in it."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

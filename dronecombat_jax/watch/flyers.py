@@ -47,6 +47,16 @@ class Crew(NamedTuple):
     run: RunDirectory | None
 
 
+class Opponents(NamedTuple):
+    """Whom a person can fly against, by role, and the game: the run's, the file's, or the default
+    preset's.
+    """
+
+    config: Config
+    flyers: tuple[Flyer | None, Flyer | None]
+    run: RunDirectory | None
+
+
 class Named(NamedTuple):
     """What a command line names; `wanted` by role, "" for the run's newest or the file's."""
 
@@ -70,6 +80,27 @@ def read_crew(named: Named) -> Crew:
     crew = Crew(config, (flyers[DEFENDER], flyers[ATTACKER]), run)
     _refuse_other_games(crew, named.allow_mismatch)
     return crew
+
+
+def read_opponents(words: tuple[str, ...], run_seed: int = -1) -> Opponents:
+    """Find the opponent that is named: RUN or RUN:CHUNK (its policies of both sides), a policy file,
+    scripted:NAME; without a word the last run. UserError: 2 for words, 3 for data.
+    """
+    if len(words) > 1:
+        kinds = "RUN, RUN:CHUNK, a policy file or scripted:NAME"
+        raise UserError(f"name one opponent, not {len(words)}: {kinds}")
+    if words and _is_player(words[0]):
+        role, flyer, game = _player(words[0])
+        both = (flyer, None) if role == DEFENDER else (None, flyer)
+        return Opponents(game or settings.load(ANCHOR_PRESET), both, None)
+    path, chunk = _path_and_chunk(words[0]) if words else ("", None)
+    run = RunDirectory(find_run(path)) if words else last_run()
+    config = newest_start(run).config
+    both = tuple(
+        of_run(run, role, chunk, run_seed) if flies else None
+        for role, flies in enumerate(game_of(config).flies)
+    )
+    return Opponents(config, both, run)  # pyright: ignore[reportArgumentType]
 
 
 def of_run(run: RunDirectory, role: int, chunk: int | None, run_seed: int) -> Flyer:
@@ -187,14 +218,20 @@ def _wanted(named: Named, role: int, run: RunDirectory | None) -> Flyer:
         if its_role != role:
             raise UserError(f"{flag}: it is a policy of the {SIDES[its_role]}")
         return flyer
-    path, _, chunk = word.rpartition(":") if word.rpartition(":")[2].isdigit() else (word, "", "")
+    path, chunk = _path_and_chunk(word)
     try:
         other = RunDirectory(find_run(path))
     except UserError as error:
         pilots = ", ".join(PILOTS[role])
         kinds = f"no chunk number, no scripted pilot ({pilots}), no policy file"
         raise UserError(f"{flag}: {kinds}, and {error.message}") from None
-    return of_run(other, role, int(chunk) if chunk else None, -1)
+    return of_run(other, role, chunk, -1)
+
+
+def _path_and_chunk(word: str) -> tuple[str, int | None]:
+    """RUN:CHUNK in two parts; None for RUN alone."""
+    path, _, chunk = word.rpartition(":")
+    return (path, int(chunk)) if chunk.isascii() and chunk.isdigit() and path else (word, None)
 
 
 def _refuse_other_games(crew: Crew, allowed: bool) -> None:

@@ -51,7 +51,7 @@ class Replay(NamedTuple):
 
     def save(self, path: Path | str) -> Path:
         """Write the page. UserError 73."""
-        return _write(Path(path), self.page())
+        return save_page(Path(path), self.page())
 
     def _repr_html_(self) -> str:
         name = f"dronecombat-replay-{secrets.token_hex(6)}"
@@ -121,6 +121,16 @@ def open_page(path: Path) -> None:
         webbrowser.open(path.resolve().as_uri())
 
 
+def save_page(path: Path, text: str) -> Path:
+    """Write a page, and the folder that it belongs in. UserError 73."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(path, error) from None
+    write_atomic(path, text)
+    return path
+
+
 def _place(crew: Crew, evolution: bool) -> Path:
     if evolution and crew.run:
         return crew.run.path / "evolution.html"
@@ -188,15 +198,6 @@ def _film(crew: Crew, filming: Filming, path: Path) -> int:
     render_fight(fight, combat.scene, None, path, **radii)
     print(f"film: {path} ({path.stat().st_size / 1e6:.2f} MB)", flush=True)
     return 0
-
-
-def _write(path: Path, text: str) -> Path:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise cannot_write(path, error) from None
-    write_atomic(path, text)
-    return path
 
 
 def _against(flyers: Sequence[Flyer], alone: bool) -> str:

@@ -1,4 +1,4 @@
-"""The built script is that of the sources in `viewer/`, with its licence."""
+"""The built scripts are those of the sources in `viewer/`, with their licence."""
 
 import hashlib
 import json
@@ -9,18 +9,19 @@ from pathlib import Path
 
 import pytest
 
-from dronecombat_jax.report.replay_page import SCRIPT, script, sources
+from dronecombat_jax.report import play_page, replay_page
 
 VIEWER = Path(__file__).parents[2] / "viewer"
+SCRIPTS = (replay_page.SCRIPT, play_page.SCRIPT)
 PACKAGE = json.loads((VIEWER / "package.json").read_text())
 
 
 def digest() -> str:
-    """As `viewer/build.mjs` computes it, over what the script is made from."""
+    """As `viewer/build.mjs` computes it, over what the scripts are made from."""
     names = [
         "build.mjs",
         "package.json",
-        *(f"src/{path.name}" for path in (VIEWER / "src").iterdir()),
+        *(str(path.relative_to(VIEWER)) for path in (VIEWER / "src").rglob("*") if path.is_file()),
     ]
     total = hashlib.sha256()
     for name in sorted(names):
@@ -29,10 +30,12 @@ def digest() -> str:
     return total.hexdigest()
 
 
-def test_the_built_script_names_these_sources():
-    assert sources() == digest(), (
-        "the page's sources have changed: npm install && npm run build in viewer/"
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
+def test_a_built_script_names_these_sources(path: Path):
+    assert f"\nsources sha256 {digest()}\n" in path.read_text()[:1000], (
+        "the pages' sources have changed: npm install && npm run build in viewer/"
     )
+    assert replay_page.sources() == digest()
 
 
 def test_versions_are_exact_and_no_host_is_named():
@@ -46,10 +49,11 @@ def test_versions_are_exact_and_no_host_is_named():
     )
 
 
-def test_the_licence_of_what_is_inside_is_beside_it_and_in_it():
-    licence = SCRIPT.with_name("three.LICENSE").read_text().strip()
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
+def test_the_licence_of_what_is_inside_is_beside_it_and_in_it(path: Path):
+    licence, script = path.with_name("three.LICENSE").read_text().strip(), path.read_text()
     assert "The MIT License" in licence and "three.js authors" in licence
-    assert licence in script() and f"three.js {PACKAGE['devDependencies']['three']}" in script()
+    assert licence in script and f"three.js {PACKAGE['devDependencies']['three']}" in script
 
 
 def test_a_new_build_is_the_same_to_the_byte(tmp_path):
@@ -62,4 +66,5 @@ def test_a_new_build_is_the_same_to_the_byte(tmp_path):
     subprocess.run(
         ["node", "build.mjs", str(tmp_path)], cwd=VIEWER, check=True, capture_output=True
     )
-    assert (tmp_path / "replay.js").read_bytes() == SCRIPT.read_bytes()
+    for path in SCRIPTS:
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes()

@@ -96,7 +96,7 @@ export class Readouts {
   }
 }
 
-function droneCard(role, index, rules) {
+export function droneCard(role, index, rules) {
   const name = element("span", { class: "pilot" });
   const title = role[0].toUpperCase() + role.slice(1);
   const { rows, values } = pairs([
@@ -133,7 +133,7 @@ function droneCard(role, index, rules) {
 }
 
 /** Rows of a list of numbers: label, value and unit. */
-function pairs(labels) {
+export function pairs(labels) {
   const values = labels.map(() => element("span", { class: "number", text: NO_NUMBER }));
   const rows = labels.map(([label, unit], i) =>
     element(
@@ -164,6 +164,6 @@ function closingSpeed(flight, time) {
   return -a.reduce((sum, x, i) => sum + ((x - b[i]) / gap) * (u[i] - v[i]), 0);
 }
 
-function signed(value) {
+export function signed(value) {
   return value.toFixed(1).replace("-", "\u2212");
 }

@@ -58,6 +58,31 @@ export class Trail {
     this.air.renderOrder = 3;
   }
 
+  /** Of a fight under way: nothing has been flown, all points are at the start. */
+  begin(start) {
+    const { position, ahead } = this.geometry.attributes;
+    for (let i = 0; i < position.count; i += 1) position.setXYZ(i, ...start);
+    ahead.array.fill(0);
+    this.count = position.count / 2;
+    this.grow(0);
+  }
+
+  /** Point `index` has been reached: the band goes there, and the last point looks along it. */
+  extend(index, place) {
+    if (index >= this.count) return;
+    const { position, ahead } = this.geometry.attributes;
+    const back = 2 * Math.max(index - 1, 0);
+    const way = [0, 1, 2].map((axis) => place[axis] - position.array[3 * back + axis]);
+    for (const corner of [2 * index, 2 * index + 1]) position.setXYZ(corner, ...place);
+    for (const corner of [back, back + 1, 2 * index, 2 * index + 1]) ahead.setXYZ(corner, ...way);
+    this.grow(index);
+  }
+
+  grow(points) {
+    this.geometry.setDrawRange(0, 6 * points);
+    for (const name of ["position", "ahead"]) this.geometry.attributes[name].needsUpdate = true;
+  }
+
   show(time, pixelRatio) {
     for (const mesh of this.meshes) {
       mesh.material.uniforms.now.value = time;

@@ -1,0 +1,29 @@
+"""The page on which a person flies against a policy: one file that opens anywhere.
+
+The script is built from `viewer/` at the repository's root. What does not live here: its data
+(`play_data`), who flies (`watch.play`).
+"""
+
+import functools
+from pathlib import Path
+from typing import Any
+
+from dronecombat_jax.report.replay_page import document, plain
+
+SCRIPT = Path(__file__).with_name("viewer") / "play.js"
+_WAITING = (
+    "The game stands here once its script has run. "
+    "If this sentence stays, this place runs no scripts: open the page in a browser."
+)
+
+
+def page(data: dict[str, Any]) -> str:
+    """One self-contained file. It asks nobody for anything, and its policy forbids it to."""
+    code = f'{script()}\ndronecombatPlay("play", {plain(data)});'
+    return document("play", data["title"], _WAITING, code)
+
+
+@functools.cache
+def script() -> str:
+    """The built script."""
+    return SCRIPT.read_text(encoding="utf-8")

@@ -1,0 +1,100 @@
+/** The scripted pilots: `combat/scripted.py`. Each wants an acceleration, m/s^2, world frame. */
+import { MIN_LIFT, VELOCITY_GAIN, airframe, fly } from "./autopilot.js";
+import { add, bodyZ, clamp, dot, length, scale, subtract, unit } from "./vector.js";
+
+const WEAVE = { speed: 3, rate: 5, phase: 1000, end: 2.5 };
+const DIVE = { height: 2.5, speed: 6, climb: 4, fall: 7, lead: 1.1, committed: 0.5 };
+const GUARD = { distance: 2, braking: 12, gain: 3, hurry: 1.5 };
+const NAVIGATION_CONSTANT = 3;
+
+/** `act(drones, target, time) -> action` of the pilot `name` in the place of `role`. */
+export function buildScripted(name, game, role) {
+  const body = airframe(game, role);
+  const guidance = GUIDANCE[name];
+  return (drones, target, time) => {
+    const now = { own: drones[role], other: drones[1 - role], target, time };
+    return fly(body, drones[role], guidance(body, now));
+  };
+}
+
+const GUIDANCE = {
+  hover: (body, { own }) => scale(-VELOCITY_GAIN, own.velocity),
+  hover_guard: hoverGuard,
+  pure_pursuit: (body, { own, other }) =>
+    rush(body, own.velocity, subtract(other.position, own.position)),
+  proportional_navigation: proportionalNavigation,
+  dash: (body, { own, target }) => rush(body, own.velocity, subtract(target, own.position)),
+  weave,
+  high_dive: highDive,
+};
+
+function weave(body, { own, target, time }) {
+  const way = subtract(target, own.position);
+  const side = unit([-way[1], way[0], 0]);
+  const near = clamp((length(way) - WEAVE.end) / WEAVE.end, 0, 1);
+  const swing = near * WEAVE.speed * Math.cos(WEAVE.rate * time + WEAVE.phase * target[2]);
+  return rush(body, subtract(own.velocity, scale(swing, side)), way);
+}
+
+function highDive(body, { own, target }) {
+  const way = subtract(target, own.position);
+  const overGround = [way[0], way[1], 0];
+  const ahead = unit(overGround);
+  const climb = own.velocity[2];
+  const above = Math.max(-way[2], 0);
+  const fall = (climb + Math.sqrt(climb ** 2 + 2 * DIVE.fall * above)) / DIVE.fall;
+  const meeting = length(overGround) / Math.max(fall, 0.1);
+  const inTime = meeting < dot(own.velocity, ahead);
+  const diving = (inTime || climb < -DIVE.committed) && above > 0;
+  const rise = clamp(2 * (DIVE.height + way[2]), 0, DIVE.climb);
+  const speed = diving ? Math.min(DIVE.lead * meeting, DIVE.speed) : DIVE.speed;
+  const wanted = subtract(add(scale(speed, ahead), [0, 0, rise]), own.velocity);
+  const [x, y, z] = scale(VELOCITY_GAIN, wanted);
+  return [x, y, diving ? -DIVE.fall : z];
+}
+
+function hoverGuard(body, { own, other, target }) {
+  const line = subtract(other.position, target);
+  const post = add(target, scale(Math.min(GUARD.distance, 0.5 * length(line)), unit(line)));
+  const way = subtract(post, own.position);
+  const distance = length(way);
+  const stopping = Math.min(GUARD.gain * distance, Math.sqrt(2 * GUARD.braking * distance));
+  const incoming = subtract(post, other.position);
+  const closing = Math.max(dot(other.velocity, unit(incoming)), 0);
+  const hurried = (GUARD.hurry * distance * closing) / Math.max(length(incoming), 0.3);
+  const speed = Math.max(stopping, hurried);
+  return scale(VELOCITY_GAIN, subtract(scale(speed, unit(way)), own.velocity));
+}
+
+function proportionalNavigation(body, { own, other }) {
+  const sight = subtract(other.position, own.position);
+  const along = unit(sight);
+  const relative = subtract(other.velocity, own.velocity);
+  const closing = -dot(relative, along);
+  const root = Math.sqrt(closing ** 2 + 2 * body.maxForce * length(sight));
+  const time = (root - closing) / body.maxForce;
+  const up = bodyZ(other.quaternion);
+  const lift = Math.min(body.gravity / Math.max(up[2], 1e-3), body.maxForce);
+  const turning = subtract(scale(lift, up), [0, 0, body.gravity]);
+  const across = (vector) => subtract(vector, scale(dot(vector, along), along));
+  const miss = add(scale(1 / Math.max(time, 0.05), across(relative)), scale(0.5, across(turning)));
+  return fullThrust(body, along, scale(NAVIGATION_CONSTANT, miss));
+}
+
+/** Full thrust along `way` while the velocity across it dies out. */
+function rush(body, velocity, way) {
+  const along = unit(way);
+  const across = subtract(velocity, scale(dot(velocity, along), along));
+  return fullThrust(body, along, scale(-VELOCITY_GAIN, across));
+}
+
+/** `across` + s `along` with the largest s that full thrust and the least lift allow. */
+function fullThrust(body, along, across) {
+  const held = add(across, [0, 0, body.gravity]);
+  const projection = dot(held, along);
+  const room = projection ** 2 - dot(held, held) + body.maxForce ** 2;
+  const most = Math.sqrt(Math.max(room, 0)) - projection;
+  const descent = Math.max(-along[2], 1e-3);
+  const untilLeastLift = Math.max(held[2] - MIN_LIFT * body.gravity, 0) / descent;
+  return add(across, scale(Math.min(most, untilLeastLift), along));
+}

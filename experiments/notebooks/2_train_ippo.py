@@ -124,10 +124,10 @@ for seed in evaluation:
 # `docs/replay.md` lists keys and gestures.
 
 # %%
-dc.show(str(run), fights={"smoke": 2, "full": 9}[SIZES])
+dc.show(run, fights={"smoke": 2, "full": 9}[SIZES])
 
 # %%
-evolution = dc.show(str(run), evolution=True)
+evolution = dc.show(run, evolution=True)
 evolution
 
 # %% [markdown]
@@ -136,7 +136,7 @@ evolution
 # Any side of the replay may be somebody else: a chunk number, a scripted pilot, another run.
 
 # %%
-dc.show(str(run), defender="hover_guard", fights=1)
+dc.show(run, defender="hover_guard", fights=1)
 
 # %% [markdown]
 # ## From Python

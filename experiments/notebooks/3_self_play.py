@@ -140,7 +140,7 @@ plt.show()
 # ## Watch today's defender against an early attacker
 
 # %%
-dc.show(str(run), attacker=0, fights=1)
+dc.show(run, attacker=0, fights=1)
 
 # %% [markdown]
 # Whether self-play helps is a question for many seeds: `dronecombat compare runs/ippo* runs/sippo* --by method`.

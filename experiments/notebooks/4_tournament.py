@@ -128,7 +128,7 @@ for figure in ("elo_over_time", "win_rate_map", "variance_map"):
 # The last S-IPPO defender against the last IPPO attacker:
 
 # %%
-dc.show(str(runs[1]), attacker=str(runs[0]), fights=1)
+dc.show(runs[1], attacker=runs[0], fights=1)
 
 # %% [markdown]
 # Next: [5. Your own parts](5_your_own.ipynb).

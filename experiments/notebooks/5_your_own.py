@@ -190,7 +190,7 @@ mine = dc.train(PRESET, changes)
 #         --selfplay.probability 0.9 --selfplay.sampler my_parts:oldest_half
 
 # %%
-dc.show(str(mine), fights=1)
+dc.show(mine, fights=1)
 
 # %% [markdown]
 # ## Train with a learner of your own

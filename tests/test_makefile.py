@@ -31,7 +31,9 @@ def make(tmp_path):
     return run
 
 
-@pytest.mark.parametrize(("stamp", "installs"), [(".runtime", 1), (".dev", 2), (".docs", 2), (".peers", 1)])
+@pytest.mark.parametrize(
+    ("stamp", "installs"), [(".runtime", 1), (".dev", 2), (".docs", 2), (".peers", 1)]
+)
 def test_an_environment_is_made_with_one_line_a_step(make, tmp_path, stamp, installs):
     result = make(stamp)
     assert result.returncode == 0 and result.stderr == ""

@@ -16,6 +16,10 @@ MARK = re.compile(r"<!-- made: (?P<what>settings|commands|notebook (?P<name>\w+)
 # `docs/faults.md` or docs/faults.md in prose, where it is no link yet
 MENTION = re.compile(r"(?<![\w(/`])(?P<tick>`?)docs/(?P<page>\w+)\.md(?P=tick)(?![\w)`])")
 
+SETUP = """```python
+import dronecombat_jax as dc  # the notebook's first cell also installs it, and chooses SIZES
+```"""
+
 
 def setup(app: Any) -> dict[str, bool]:
     """Replace the marks while Sphinx reads a page."""
@@ -54,9 +58,10 @@ def commands() -> str:
     for name, command in COMMANDS.items():
         about = (command.__doc__ or "").splitlines()[0]
         text = _help(name)
+        after = ""
         if name == "train":  # its settings have a page of their own
-            text = text.partition("\nsim:")[0] + "\n\nand every setting: settings.md"
-        blocks.append(f"## {name}\n\n{about}\n\n```text\n{text.strip()}\n```")
+            text, after = text.partition("\nsim:")[0], "\n\nAnd [every setting](settings.md)."
+        blocks.append(f"## {name}\n\n{about}\n\n```text\n{text.strip()}\n```{after}")
     return "\n\n".join(blocks)
 
 
@@ -70,9 +75,12 @@ def notebook(name: str) -> str:
 
 def _cells(cells: list[Any]) -> Iterator[str]:
     for cell in cells:
-        if "badge" in cell.metadata.get("tags", ()):
+        tags = cell.metadata.get("tags", ())
+        if "badge" in tags:
             continue
-        if cell.cell_type == "markdown":
+        if "setup" in tags:
+            yield SETUP
+        elif cell.cell_type == "markdown":
             yield re.sub(r"\]\((\w+)\.ipynb\)", r"](\1.md)", cell.source)
         else:
             yield f"```python\n{cell.source}\n```"
@@ -85,7 +93,7 @@ def _made(what: str, name: str | None) -> str:
 
 
 def _help(command: str) -> str:
-    """What `dronecombat COMMAND --help` prints, 96 columns wide."""
+    """What `dronecombat COMMAND --help` prints, as wide as a page."""
     import contextlib
     import io
     import os
@@ -93,7 +101,7 @@ def _help(command: str) -> str:
     from dronecombat_jax.cli import commands as program
 
     printed = io.StringIO()
-    os.environ["COLUMNS"] = "96"
+    os.environ["COLUMNS"] = "84"
     with contextlib.redirect_stdout(printed):
         assert program.main([command, "--help"]) == 0
     return printed.getvalue()

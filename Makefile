@@ -14,7 +14,7 @@ install = echo "installing packages into $(1); what pip says is in $(1)/install.
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo tournament report replay play test test-quick test-slow check format bench bench-scaling bench-peers clean
+.PHONY: help train-ippo train-sippo tournament report replay play notebooks docs test test-quick test-slow check format bench bench-scaling bench-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -37,6 +37,13 @@ replay: $(VENV)/.runtime ## a page that replays the last run's fights, in a brow
 
 play: $(VENV)/.runtime ## a page on which you fly against the last run, in a browser if there is one (RUN=name, ARGS="--side defender")
 	$(BIN)/dronecombat play $(RUN) --open $(ARGS)
+
+notebooks: $(VENV)/.dev ## write experiments/notebooks/*.ipynb from their percent scripts
+	$(BIN)/python experiments/notebooks/build.py
+
+docs: $(VENV)/.docs ## the documentation site in build/docs; a warning or a broken link is an error
+	$(BIN)/python -m sphinx -W --keep-going -q -b html -d build/doctrees docs build/docs
+	@echo "written: build/docs/index.html"
 
 # A file of tests goes to one of two processes, and shares there what it compiles.
 test: $(VENV)/.dev ## the fast tests, in two processes (ARGS="-n 0": in one)
@@ -79,13 +86,17 @@ clean: ## remove the environment and every cache; runs/ stays
 $(VENV)/.runtime: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; (3, 11) <= sys.version_info < (3, 14) or sys.exit("error: $(PYTHON) is Python %d.%d; 3.11, 3.12 (recommended) or 3.13 is needed: make PYTHON=python3.12 ..." % sys.version_info[:2])'
 	@echo "making $(VENV) with $(PYTHON); the packages are large, the first time takes minutes"
-	@rm -f $(VENV)/.runtime $(VENV)/.dev
+	@rm -f $(VENV)/.runtime $(VENV)/.dev $(VENV)/.docs
 	@$(PYTHON) -m venv --clear $(VENV)
 	@$(call install,$(VENV),-e .)
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.runtime
 	@$(call install,$(VENV),-e '.[dev]')
+	@touch $@
+
+$(VENV)/.docs: $(VENV)/.runtime
+	@$(call install,$(VENV),-e '.[docs]')
 	@touch $@
 
 $(PEERS_VENV)/.peers: pyproject.toml constraints.txt benchmarks/peers/requirements.txt

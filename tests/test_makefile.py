@@ -31,7 +31,9 @@ def make(tmp_path):
     return run
 
 
-@pytest.mark.parametrize(("stamp", "installs"), [(".runtime", 1), (".dev", 2), (".peers", 1)])
+@pytest.mark.parametrize(
+    ("stamp", "installs"), [(".runtime", 1), (".dev", 2), (".docs", 2), (".peers", 1)]
+)
 def test_an_environment_is_made_with_one_line_a_step(make, tmp_path, stamp, installs):
     result = make(stamp)
     assert result.returncode == 0 and result.stderr == ""
@@ -44,7 +46,7 @@ def test_an_environment_is_made_with_one_line_a_step(make, tmp_path, stamp, inst
     assert (tmp_path / "venv" / stamp).is_file()
 
 
-@pytest.mark.parametrize("stamp", [".runtime", ".dev", ".peers"])
+@pytest.mark.parametrize("stamp", [".runtime", ".dev", ".docs", ".peers"])
 def test_where_pip_fails_its_last_words_and_the_log_are_named(make, tmp_path, stamp):
     result = make(stamp, code=1)
     *words, error, _ = result.stderr.splitlines()  # the last line is make's own

@@ -59,9 +59,9 @@ class Replay(NamedTuple):
 
 
 def show(
-    *words: str,
-    defender: str | int = "",
-    attacker: str | int = "",
+    *words: Path | str,
+    defender: Path | str | int = "",
+    attacker: Path | str | int = "",
     fights: int = 1,
     seed: int = 0,
     run_seed: int = -1,
@@ -75,7 +75,8 @@ def show(
 
     All arguments are those of `dronecombat replay`. Raises UserError as it does.
     """
-    named = Named(words, (str(defender), str(attacker)), run_seed, allow_mismatch)
+    who = tuple(str(word) for word in words)
+    named = Named(who, (str(defender), str(attacker)), run_seed, allow_mismatch)
     filming = Filming(fights, seed, stochastic, spawn)
     return _fly(read_crew(named), named, filming, evolution)._replace(height=height)
 

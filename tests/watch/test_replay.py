@@ -48,6 +48,11 @@ def test_the_last_runs_fights_on_one_page(toy_run: Path, capsys: pytest.CaptureF
     assert "runs/toy/replay.html" in capsys.readouterr().out
 
 
+def test_show_takes_what_train_returns(toy_run: Path):
+    shown = room.show(toy_run, attacker=toy_run, defender="hover")  # paths, as `train` gives them
+    assert shown.title == "hover (scripted) defends against toy chunk 2"
+
+
 def test_an_evolution_is_one_start_flown_by_all_chunks(toy_run: Path):
     assert room.replay(Named(("toy",)), Filming(4), out=None, evolution=True) == 0
     fights = data_in(toy_run / "evolution.html")["fights"]

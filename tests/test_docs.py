@@ -8,7 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from dronecombat_jax.cli import commands, machine, replay, runs, tournaments, train
+from dronecombat_jax.cli import (
+    commands,
+    machine,
+    pilots,
+    play,
+    replay,
+    runs,
+    tournaments,
+    train,
+)
 from dronecombat_jax.config import flags, settings
 from dronecombat_jax.config.schema import settings_of
 
@@ -25,6 +34,8 @@ FLAGS = {
     "report": tournaments.ReportFlags,
     "compare": tournaments.CompareFlags,
     "replay": replay.ReplayFlags,
+    "play": play.PlayFlags,
+    "pilots": pilots.PilotsFlags,
     "doctor": machine.DoctorFlags,
 }
 LINK = re.compile(r"\]\(([^)\s]+)\)")

@@ -84,17 +84,21 @@ def read_crew(named: Named) -> Crew:
 
 def read_opponents(words: tuple[str, ...], run_seed: int = -1) -> Opponents:
     """Find the opponent that is named: RUN or RUN:CHUNK (its policies of both sides), a policy file,
-    scripted:NAME; without a word the last run. UserError: 2 for words, 3 for data.
+    scripted:NAME; without a word the last run, or where there is none yet a scripted defender.
+    UserError: 2 for words, 3 for data.
     """
     if len(words) > 1:
         kinds = "RUN, RUN:CHUNK, a policy file or scripted:NAME"
         raise UserError(f"name one opponent, not {len(words)}: {kinds}")
+    newest = None if words else last_run()
+    if not words and newest is None:  # fly at once, before any training
+        words = (SCRIPTED_LOOK[DEFENDER],)
     if words and _is_player(words[0]):
         role, flyer, game = _player(words[0])
         both = (flyer, None) if role == DEFENDER else (None, flyer)
         return Opponents(game or settings.load(ANCHOR_PRESET), both, None)
     path, chunk = _path_and_chunk(words[0]) if words else ("", None)
-    run = RunDirectory(find_run(path)) if words else last_run()
+    run = newest or RunDirectory(find_run(path))
     config = newest_start(run).config
     both = tuple(
         of_run(run, role, chunk, run_seed) if flies else None

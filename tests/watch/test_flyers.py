@@ -160,7 +160,8 @@ def test_the_last_run_is_the_one_that_saved_last(tmp_path: Path):
         (tmp_path / name / "checkpoints").mkdir(parents=True)
         os.utime(tmp_path / name / "checkpoints", (time, time))
     (tmp_path / "notes").mkdir()
-    assert last_run(tmp_path).path == tmp_path / "b"
+    newest = last_run(tmp_path)
+    assert newest is not None and newest.path == tmp_path / "b"
 
 
 def test_a_damaged_checkpoint_is_named(tmp_path: Path):

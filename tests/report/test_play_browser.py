@@ -70,9 +70,10 @@ class Game(Tab):
         return np.array(self.ask("return it.session.state.drones[given].position", role))
 
     def steps(self, count: int) -> None:
-        """Let so many control steps pass."""
-        first = self.ask("return it.session.state.clock")
-        self.until(lambda: self.ask("return it.session.state.clock") >= first + count)
+        """Let at least so many control steps pass, or the fight end."""
+        last = count + self.ask("return it.session.state.clock")
+        over = "return it.session.state.clock >= given || it.session.phase === 'over'"
+        self.until(lambda: self.ask(over, last))
 
     def picture(self) -> np.ndarray:
         with Image.open(io.BytesIO(self.page.screenshot())) as image:
@@ -169,7 +170,7 @@ def test_never_faster_than_real_time_and_not_in_the_background(browser: Any, pag
 
 def test_the_mouse_is_a_stick(browser: Any, pages: dict[str, str]):
     tab = Game(browser, pages["hover"], WIDE)
-    tab.start()
+    tab.start(1 / 4)  # the target is not reached before the mouse is up
     tab.page.mouse.move(300, 400)
     tab.page.mouse.down()
     tab.page.mouse.move(300, 330, steps=3)

@@ -17,8 +17,12 @@ class PlayFlags:
     server, no network, no other file.
 
     Before the flags, the opponent: a RUN (its folder, or its name in runs/), RUN:CHUNK, a policy
-    file (.safetensors) or scripted:NAME; without one the last run. Such as `dronecombat play ippo`,
-    `dronecombat play ippo:12 --side defender`, `dronecombat play scripted:dash --open`.
+    file (.safetensors), scripted:NAME or pilots:NAME; without any the last run, or where there is
+    none yet a scripted defender. Such as
+
+        dronecombat play ippo
+        dronecombat play ippo:12 --side defender
+        dronecombat play scripted:dash --open
     """
 
     side: Literal["opposite", "attacker", "defender"] = setting(

@@ -29,9 +29,9 @@ class MatrixGame(NamedTuple):
 
 
 class NashAverage(NamedTuple):
-    """Nash averaging (Balduzzi et al.
+    """Nash averaging: each entrant's mean score against the other side's equilibrium.
 
-    2018): each entrant's mean score against the other side's equilibrium.
+    Balduzzi et al. (2018).
     """
 
     defender: NDArray[np.float64]  # [D] the defender's score against y: at most about the value

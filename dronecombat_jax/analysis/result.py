@@ -181,10 +181,7 @@ def win_rate(result: TournamentResult) -> NDArray[np.float64]:
 
 
 def fight_scores(result: TournamentResult) -> NDArray[np.float64]:
-    """The defender's score S of eq.
-
-    4 in every fight [D, A, E]: 1, 1/2 or 0; NaN where not played.
-    """
+    """The defender's score in every fight [D, A, E]: 1, 1/2 or 0; NaN where not played (eq. 4)."""
     value = {Outcome.DEFENDER: 1.0, Outcome.DRAW: 0.5, Outcome.ATTACKER: 0.0}
     table = np.asarray([value[outcome] for outcome in result.winner])
     table[Cause.NONE] = np.nan

@@ -45,8 +45,9 @@ def encode(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> by
     for name, array in arrays.items():
         if not _NAME.fullmatch(name) or array.dtype != np.float32:
             raise ValueError(f"{name!r} ({array.dtype}): only float32 arrays with plain names")
-    # TRAP: the library writes the text in another order in every process. The header is therefore
-    # written again, sorted. The data begins on a multiple of 8 bytes, as the format asks.
+    # TRAP: the library writes the metadata in another order in every process. The header is
+    # therefore written again, with the metadata in the caller's order. The data begins on a
+    # multiple of 8 bytes, as the format asks.
     header, data = _parted(save(arrays))
     text = json.dumps({_METADATA: dict(metadata), **header}, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 8)

@@ -39,9 +39,9 @@ def latest(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
 
 
 def delta_uniform(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
-    """Alike among the newest share `delta` of the pool (Bansal et al.
+    """Alike among the newest share `delta` of the pool.
 
-    2018, section 4.2; their delta is 1 - ours).
+    Bansal et al. (2018), section 4.2; their delta is 1 - ours.
     """
     oldest = jnp.floor((1.0 - selfplay.delta) * members.filled.astype(jnp.float32))
     return (members.slot >= jnp.minimum(oldest, members.filled - 1)).astype(jnp.float32)

@@ -122,9 +122,9 @@ def split(qpos: jax.Array, qvel: jax.Array) -> Drones:
 def wrench(
     action: jax.Array, full_thrust: jax.Array, moment_scale: float
 ) -> tuple[jax.Array, jax.Array]:
-    """Action [A, 4] -> thrust [A] in N along body z and moment [A, 3] in N m about body axes (eq.
+    """Thrust [A] in N along body z and moment [A, 3] in N m about body axes of `action` [A, 4].
 
-    7, 8).
+    Equations 7 and 8.
     """
     action = jnp.clip(action, -1.0, 1.0)
     return full_thrust * (action[:, 0] + 1.0) / 2.0, moment_scale * action[:, 1:]

@@ -17,9 +17,8 @@ import pytest
 SPREAD = ("1x2", "1x4", "2x2")  # seeds x environments, all with several devices to a seed
 TOGETHER = ("together-1x1", "together-1x2")  # both seeds side by side, as on a GPU
 # Sums over environments in another order: 6 iterations of 2 x 4 gradient steps differed by 5e-5 at
-# most, relative to
-# 0.01 and above (Adam's first steps hardly depend on the gradient's size, so errors do not grow
-# there).
+# most, relative to 0.01 and above (Adam's first steps hardly depend on the gradient's size, so
+# errors do not grow there).
 RELATIVE, ABSOLUTE = 1e-3, 1e-4
 
 

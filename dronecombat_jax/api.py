@@ -6,15 +6,15 @@ What does not live here: the work itself; these functions call the other rooms.
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecombat_jax.config import devices, settings
+from dronecombat_jax.config import settings
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.errors import EXIT_STOPPED, EXIT_TOURNAMENT
+from dronecombat_jax.errors import EXIT_STOPPED, EXIT_TOURNAMENT, UserError
 from dronecombat_jax.files.rundir import find_run, run_path
 from dronecombat_jax.machine import backend
+from dronecombat_jax.machine.start import prepare_training
 
 if TYPE_CHECKING:
     from dronecombat_jax.analysis.result import TournamentResult
@@ -34,7 +34,7 @@ def load_config(preset: str = "duel", changes: Mapping[str, Any] | None = None) 
 def prepare(device: str = "auto", cpu_devices: int = 1) -> None:
     """Settle what JAX and MuJoCo read from the environment; nothing where JAX is already there.
 
-    Every function here calls it. `cpu_devices`: how many devices a CPU pretends to be.
+    The functions here that need JAX call it. `cpu_devices`: how many devices a CPU pretends to be.
     """
     if "jax" not in sys.modules:
         backend.prepare(device, cpu_devices)
@@ -50,12 +50,14 @@ def train(
     goes on. Raises UserError: 2 for settings, 3 for checkpoints, 4 where training diverged, 73 for
     the disk.
     """
-    preset = config if isinstance(config, str) else "custom"
-    whole = load_config(config, changes) if isinstance(config, str) else config
-    whole = replace(whole, run=replace(whole.run, name=settings.run_name(whole, preset)))
-    prepare(
-        whole.run.device, devices.spread(whole.train.num_seeds, whole.run.devices, backend.cores())
-    )
+    if isinstance(config, str):
+        whole = settings.as_run(load_config(config, changes), config)
+    elif changes:
+        raise UserError("changes go with a preset's name: a Config holds all of its settings")
+    else:
+        whole = settings.as_run(config, "custom")
+    if "jax" not in sys.modules:
+        prepare_training(whole)
     from dronecombat_jax.runs import training
     from dronecombat_jax.watch.finish import finish as draw
 

@@ -2,9 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-from dronecombat_jax.cli.start import prepare
 from dronecombat_jax.config import flags, settings
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import settings_of, shown
@@ -52,15 +50,14 @@ def train(args: Sequence[str]) -> int:
         raise UserError("\n".join([*errors, error.message])) from None
     if errors:
         raise UserError("\n".join(errors))
-    config = replace(config, run=replace(config.run, name=settings.run_name(config, preset)))
-    if config.sim.mjcf:  # a run is gone on with, and looked at, from any folder
-        whole = Path(config.sim.mjcf).expanduser().absolute()
-        config = replace(config, sim=replace(config.sim, mjcf=str(whole)))
+    config = settings.as_run(config, preset)
     if only_print:
         print(settings.to_toml(config), end="")
         return 0
     print(summary(config, preset), flush=True)
-    prepare(config.run.device, config)
+    from dronecombat_jax.machine.start import prepare_training
+
+    prepare_training(config)
     if config.sim.mjcf:  # what cannot be flown is said before there is a folder
         from dronecombat_jax.sim.scene import load_scene
 

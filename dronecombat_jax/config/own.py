@@ -29,10 +29,11 @@ def chosen(table: Mapping[str, Choice], name: str) -> Choice:
     if os.getcwd() not in sys.path:  # a command's path begins with its own folder, not with ours
         sys.path.insert(0, os.getcwd())
     try:
-        return getattr(import_module(module), attribute)
+        imported = import_module(module)
     except ModuleNotFoundError as error:
         if error.name != module.split(".")[0] and error.name != module:
             raise
         raise UserError(f"{name}: no module {module} here or among the packages") from None
-    except AttributeError:
-        raise UserError(f"{name}: {module} has no {attribute}") from None
+    if not hasattr(imported, attribute):
+        raise UserError(f"{name}: {module} has no {attribute}")
+    return getattr(imported, attribute)

@@ -9,6 +9,7 @@ import difflib
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -194,6 +195,19 @@ def run_name(config: Config, preset: str | Path) -> str:
     method = "sippo" if config.selfplay.probability > 0.0 else "ippo"
     stem = re.sub(r"[^A-Za-z0-9._-]+", "-", Path(preset).name.removesuffix(".toml"))
     return config.run.name or f"{method}-{stem}"[:100]
+
+
+def as_run(config: Config, preset: str | Path) -> Config:
+    """The settings as a run stores them: with its name, and with the whole path of an own MJCF.
+
+    So the run can be gone on with, and looked at, from any folder.
+    """
+    mjcf = config.sim.mjcf and str(Path(config.sim.mjcf).expanduser().absolute())
+    return replace(
+        config,
+        run=replace(config.run, name=run_name(config, preset)),
+        sim=replace(config.sim, mjcf=mjcf),
+    )
 
 
 def flag(key: str) -> str:

@@ -52,7 +52,7 @@ def paths(name: str) -> list[Path]:
     known = names()
     if not known:
         raise UserError(f"{PREFIX}{one_line(name)}: this package holds no pilots", EXIT_DATA)
-    newest = {one.rpartition("-")[0]: one for one in known}  # in order of chunks
+    newest = {pilot.rpartition("-")[0]: pilot for pilot in known}  # in order of chunks
     if name == ALL:
         chosen = known
     elif name in known or name in newest:

@@ -90,15 +90,17 @@ def read_opponents(words: tuple[str, ...], run_seed: int = -1) -> Opponents:
     if len(words) > 1:
         kinds = "RUN, RUN:CHUNK, a policy file or scripted:NAME"
         raise UserError(f"name one opponent, not {len(words)}: {kinds}")
-    newest = None if words else last_run()
-    if not words and newest is None:  # fly at once, before any training
-        words = (SCRIPTED_LOOK[DEFENDER],)
-    if words and _is_player(words[0]):
-        role, flyer, game = _player(words[0])
+    word, chunk = words[0] if words else "", None
+    run = None if words else last_run()
+    if not words and run is None:
+        word = _first_look()[DEFENDER]
+    if run is None and _is_player(word):
+        role, flyer, game = _player(word)
         both = (flyer, None) if role == DEFENDER else (None, flyer)
         return Opponents(game or settings.load(ANCHOR_PRESET), both, None)
-    path, chunk = _path_and_chunk(words[0]) if words else ("", None)
-    run = newest or RunDirectory(find_run(path))
+    if run is None:
+        path, chunk = _path_and_chunk(word)
+        run = RunDirectory(find_run(path))
     config = newest_start(run).config
     both = tuple(
         of_run(run, role, chunk, run_seed) if flies else None
@@ -177,12 +179,16 @@ def _read_words(named: Named) -> tuple[RunDirectory | None, dict[int, Flyer], Co
         config = config or game
     if not named.words and not any(_stands_alone(word) for word in named.wanted):
         run = last_run()
-        if run is None and not any(named.wanted):  # a first look, before any training
-            words = FIRST_LOOK if shipped.names() else SCRIPTED_LOOK
-            return _read_words(named._replace(words=words))
+        if run is None and not any(named.wanted):
+            return _read_words(named._replace(words=_first_look()))
     if run is not None:
         config = newest_start(run).config
     return run, flyers, config or settings.load(ANCHOR_PRESET)
+
+
+def _first_look() -> tuple[str, str]:
+    """Who flies before any training: defender and attacker."""
+    return FIRST_LOOK if shipped.names() else SCRIPTED_LOOK
 
 
 def _is_player(word: str) -> bool:

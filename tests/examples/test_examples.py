@@ -2,13 +2,14 @@
 
 import importlib
 import json
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dronecombat_jax import load_run
+from dronecombat_jax import Config, load_run, train
 from dronecombat_jax.cli import commands
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.own import chosen
@@ -98,9 +99,18 @@ def test_a_part_that_is_not_there_is_one_line():
         settings.load("smoke", {"selfplay.sampler": "a b:c"})
 
 
-def test_importing_the_package_starts_no_jax():
-    import subprocess
+def test_changes_of_whole_settings_are_refused_and_not_left_out():
+    with pytest.raises(UserError, match="changes go with a preset's name"):
+        train(Config(), {"train.seed": 3})
 
+
+def test_an_error_inside_a_module_of_ones_own_is_its_own(tmp_path):
+    (tmp_path / "broken_part.py").write_text("import math\nmath.no_such_thing\n")
+    with pytest.raises(AttributeError, match="no_such_thing"):
+        chosen({}, "broken_part:x")
+
+
+def test_importing_the_package_starts_no_jax():
     code = (
         "import sys, dronecombat_jax as dc; dc.load_config('smoke'); dc.Config; dc.UserError;"
         "print(sorted({'jax', 'mujoco', 'numpy'} & sys.modules.keys()))"

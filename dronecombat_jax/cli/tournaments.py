@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -120,8 +121,11 @@ def report(args: Sequence[str]) -> int:
     rate_on_one_core()
     prepare("cpu")
     from dronecombat_jax.report import tournament_report
+    from dronecombat_jax.watch.pairs import fights_page
 
-    return tournament_report.report(given.tournament, Path(given.out) if given.out else None)
+    fights = partial(fights_page, say=lambda text: print(text, flush=True))
+    out = Path(given.out) if given.out else None
+    return tournament_report.report(given.tournament, out, fights)
 
 
 def compare(args: Sequence[str]) -> int:

@@ -12,11 +12,10 @@ from matplotlib.image import AxesImage
 from matplotlib.ticker import EngFormatter
 from numpy.typing import NDArray
 
-from dronecombat_jax.analysis.forgetting import RunMap, summarise_maps
-from dronecombat_jax.analysis.map_tests import shown_defenders
-from dronecombat_jax.analysis.result import Entrant, score_rate, showings
+from dronecombat_jax.analysis.result import Entrant, score_rate
 from dronecombat_jax.analysis.study import Study
 from dronecombat_jax.report.figures import ROLE_COLOURS
+from dronecombat_jax.report.map_panels import Panel, panel_of, panel_steps
 from dronecombat_jax.report.sheet import MISSING, counted, games, name, nothing, own_games, sheet
 
 MOST_TICKS = 7
@@ -93,34 +92,21 @@ def score_map(study: Study) -> Figure:
 def _maps(study: Study, title: str, foot: str, unit: str, colours: str, variance: bool) -> Figure:
     """One panel a method, all in the same colours."""
     figure, axes = sheet(1, max(len(study.methods), 1), (7.0, 4.2), title, foot)
-    panels = []
+    panels: list[tuple[Axes, Panel]] = []
     for ax, method in zip(axes[0], study.methods, strict=False):
-        maps = study.win_maps[method]
-        summary = summarise_maps(maps) if maps else None
-        seeds = 0 if summary is None else int(summary.runs.max())
+        panel = panel_of(study, method, variance)
+        seeds = panel.seeds if panel else 0
         ax.set_title(f"{name(method)} ({counted(seeds, 'seed')})", fontsize=12)
-        if summary is None or not seeds:
+        if panel is None:
             nothing(ax, "no run played its own attackers")
-            continue
-        rows, columns = (np.flatnonzero((summary.runs > 0).any(axis=axis)) for axis in (1, 0))
-        rows = rows[shown_defenders(len(rows))] if len(rows) else rows
-        values = (summary.variance if variance else summary.mean)[np.ix_(rows, columns)]
-        chunks = maps[0].chunks
-        if not np.isfinite(values).any():
+        elif not np.isfinite(panel.values).any():
             nothing(ax, "one seed has no variance")
-            continue
-        panels.append(
-            (
-                ax,
-                values,
-                _steps(study, maps, chunks[rows], 0),
-                _steps(study, maps, chunks[columns], 1),
-            )
-        )
+        else:
+            panels.append((ax, panel))
     if not study.methods:
         nothing(axes[0][0], "no trained entrant took part")
     known = (
-        np.concatenate([values[np.isfinite(values)] for _, values, _, _ in panels])
+        np.concatenate([panel.values[np.isfinite(panel.values)] for _, panel in panels])
         if panels
         else np.zeros(1)
     )
@@ -129,11 +115,11 @@ def _maps(study: Study, title: str, foot: str, unit: str, colours: str, variance
         max(float(known.max()), 1e-3) if variance else _up(known.max()),
     )
     image = None
-    for ax, values, defenders, attackers in panels:
-        image = _image(ax, values, colours, limits)
-        _label(ax, defenders, attackers)
+    for ax, panel in panels:
+        image = _image(ax, panel.values, colours, limits)
+        _label(ax, *panel_steps(study, panel))
     if image is not None:
-        figure.colorbar(image, ax=[ax for ax, *_ in panels], label=unit, shrink=0.85)
+        figure.colorbar(image, ax=[ax for ax, _ in panels], label=unit, shrink=0.85)
     return figure
 
 
@@ -162,18 +148,6 @@ def _label(ax: Axes, defenders: Sequence[int], attackers: Sequence[int]) -> None
     ax.set_yticks(range(len(defenders)), [told(steps) for steps in defenders])
     ax.set_xlabel("attacker: environment steps trained")
     ax.set_ylabel("defender: environment steps trained")
-
-
-def _steps(study: Study, maps: Sequence[RunMap], chunks: NDArray, role: int) -> list[int]:
-    """Environment steps at the given chunks of the runs of `maps`."""
-    side, runs = (
-        (study.result.defenders, study.result.attackers)[role],
-        {run_map.run for run_map in maps},
-    )
-    known = {
-        entrant.chunk: entrant.steps for _, entrant in showings(side) if entrant.lineage in runs
-    }
-    return [known[int(chunk)] for chunk in chunks]
 
 
 def _in_order(entrants: Sequence[Entrant]) -> list[int]:

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from dronecombat_jax.files.plain import Table, Value, one_line
+from dronecombat_jax.report.map_panels import Area
 
+FIGHTS_NAME = "fights.html"  # the page that a click on the win-rate map opens
 MOST_ROWS = 300  # of a table on the page; the file beside it has all
 STYLE = """
 :root { color-scheme: light }
@@ -17,6 +19,8 @@ p { max-width: 60rem; overflow-wrap: anywhere } .verdict { border-left: .3rem so
 .gap { border-left: .3rem solid #d55e00; padding-left: 1rem }
 pre { background: #f5f5f5; padding: .8rem; overflow-x: auto; font-size: .82rem }
 figure { margin: 0 } img { max-width: 100%; height: auto; border: 1px solid #ddd }
+.picture { position: relative; display: inline-block } .picture svg { position: absolute; inset: 0; width: 100%; height: 100% }
+rect { fill: transparent } a:hover rect, a:focus rect { stroke: #d55e00; stroke-width: 3; vector-effect: non-scaling-stroke }
 nav a { margin-right: 1rem; white-space: nowrap } a { color: #005a8e }
 details { margin: .6rem 0 } summary { cursor: pointer; font-weight: 600 }
 .wide { overflow-x: auto; max-height: 32rem; overflow-y: auto } table { border-collapse: collapse; font-size: .82rem }
@@ -32,6 +36,19 @@ class Picture(NamedTuple):
     heading: str
     about: str
     png: bytes
+    links: str = ""  # markup that lies over it
+
+
+def with_links(picture: Picture, areas: Sequence[Area]) -> Picture:
+    """The same, whose areas are links into the page of fights that lies beside this one."""
+    cells = "".join(
+        f'<a href="{FIGHTS_NAME}#{"-".join(map(str, area.cell))}" target="_blank"><rect x="{area.left:.5f}" '
+        f'y="{area.top:.5f}" width="{area.width:.5f}" height="{area.height:.5f}"/></a>'
+        for area in areas
+    )
+    about = f"{picture.about} Click on a cell: a fight of that pair plays ({FIGHTS_NAME})."
+    links = f'<svg viewBox="0 0 1 1" preserveAspectRatio="none" aria-hidden="true">{cells}</svg>'
+    return picture._replace(about=about, links=links)
 
 
 def page(
@@ -86,8 +103,8 @@ def files_of(picture: Picture) -> tuple[Path, Path]:
 def _picture(one: Picture) -> str:
     data = base64.b64encode(one.png).decode()
     return (
-        f'<h2 id="{escape(one.name)}">{_text(one.heading)}</h2>\n<figure><img alt="{_text(one.heading)}" '
-        f'src="data:image/png;base64,{data}">\n<figcaption><p>{_text(one.about)} '
+        f'<h2 id="{escape(one.name)}">{_text(one.heading)}</h2>\n<figure><div class="picture"><img alt="{_text(one.heading)}" '
+        f'src="data:image/png;base64,{data}">{one.links}</div>\n<figcaption><p>{_text(one.about)} '
         f"Files: {_text(' and '.join(map(str, files_of(one))))}.</p></figcaption></figure>"
     )
 

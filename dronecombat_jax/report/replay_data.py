@@ -86,14 +86,19 @@ def replay_data(title: str, about: str, fights: Sequence[Fight], rules: Rules) -
     return {
         "title": title,
         "about": about,
-        "rules": {
-            "arena": ARENA_HALF_WIDTH,
-            "intercept": rules.intercept_radius,
-            "reach": rules.reach_radius,
-            "thrust": rules.thrust,
-            "weight": rules.weight,
-        },
-        "fights": [_fight(fight, rules, most) for fight in fights],
+        "rules": rules_data(rules),
+        "fights": [fight_data(fight, rules, most) for fight in fights],
+    }
+
+
+def rules_data(rules: Rules) -> dict[str, Any]:
+    """The rules as a page's script reads them."""
+    return {
+        "arena": ARENA_HALF_WIDTH,
+        "intercept": rules.intercept_radius,
+        "reach": rules.reach_radius,
+        "thrust": rules.thrust,
+        "weight": rules.weight,
     }
 
 
@@ -111,7 +116,8 @@ def who_and_why(cause: Cause, winner: Outcome) -> str:
     return f"{who}: {_REASONS[cause]}"
 
 
-def _fight(fight: Fight, rules: Rules, most: int) -> dict[str, Any]:
+def fight_data(fight: Fight, rules: Rules, most: int) -> dict[str, Any]:
+    """One fight of a page, of at most `most` states. UserError 3 where the trajectory is malformed."""
     trajectory = finite_part(fight.trajectory)
     kept = _kept(len(trajectory.time), most)
     positions = trajectory.qpos.reshape(-1, NUM_AGENTS, 7)[kept, :, :3]

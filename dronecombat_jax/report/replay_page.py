@@ -32,6 +32,12 @@ def page(data: dict[str, Any]) -> str:
     return document("replay", data["title"], _WAITING, code)
 
 
+def pairs_page(data: dict[str, Any]) -> str:
+    """The same for a tournament's pairs (`pairs_data`): a map, and the fight of the cell clicked."""
+    code = f"{script()}\ndronecombatPairs({plain('replay')}, {plain(data)});"
+    return document("replay", data["title"], _WAITING, code)
+
+
 def document(name: str, title: str, waiting: str, code: str) -> str:
     """A whole page: an element `name` that holds `waiting` until the script `code` fills it."""
     return (

@@ -1,7 +1,8 @@
 """`dronecombat report`: a tournament's figures, tables and one page that shows them all."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -14,12 +15,13 @@ from dronecombat_jax.analysis.verdict import judge
 from dronecombat_jax.analysis.verdict_text import verdict_json, verdict_text
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.files.atomic import cannot_write, write_atomic
-from dronecombat_jax.files.plain import records, to_csv, to_json
+from dronecombat_jax.files.plain import one_line, records, to_csv, to_json
 from dronecombat_jax.report.cyclic_figure import cyclic_discs
 from dronecombat_jax.report.figures import save_figure
 from dronecombat_jax.report.flight_figure import flight_over_time, flight_table
 from dronecombat_jax.report.map_figures import score_map, variance_map, win_rate_map
-from dronecombat_jax.report.page import Picture, page
+from dronecombat_jax.report.map_panels import areas
+from dronecombat_jax.report.page import FIGHTS_NAME, Picture, page, with_links
 from dronecombat_jax.report.ratings_figures import elo_over_time, finals, ratings_over_time
 from dronecombat_jax.report.structure_figures import forgetting_profile, outcomes_over_time
 from dronecombat_jax.report.tables import score_matrix, tables
@@ -57,9 +59,15 @@ FIGURES: dict[str, tuple[str, Callable[[Study], Figure], str]] = {
 }
 
 
-def report(word: str, out: Path | None = None) -> int:
+# Of a title, a study and what the result says: the page of its fights, or None (`watch.pairs`).
+Fights = Callable[[str, Study, Mapping[str, Any]], str | None]
+
+
+def report(word: str, out: Path | None = None, fights: Fights = lambda *_: None) -> int:
     """Report on the tournament that `word` names, into its folder unless `out` says where; returns
     0.
+
+    `fights` makes the page that a click on the win-rate map opens.
     """
     path = find_tournament(word)
     folder = path if path.is_dir() else path.parent
@@ -69,7 +77,13 @@ def report(word: str, out: Path | None = None) -> int:
     title = f"Tournament {folder.resolve().name}"
     flown = load_flights(folder)
     files = write_report(
-        result, out or folder / "report", title, notes, every=compared.every, flown=flown
+        result,
+        out or folder / "report",
+        title,
+        notes,
+        every=compared.every,
+        flown=flown,
+        fights=lambda study: fights(title, study, about),
     )
     print(f"written to {files[0]} and {len(files) - 1} files beside it")
     return 0
@@ -83,12 +97,13 @@ def write_report(
     effort: Effort | None = None,
     every: int = EVERY,
     flown: Sequence[Flown] = (),
+    fights: Callable[[Study], str | None] = lambda _: None,
 ) -> list[Path]:
     """Write everything under `out` and return the files, the page first. UserError 73 where that
     cannot be.
 
     `notes`: what the tournament itself says to be missing; `every`: as in `panel.away_panel`;
-    `flown`: recorded fights, if there are any.
+    `flown`: recorded fights, if there are any; `fights`: makes the page of fights to look at.
     """
     told = study(result, effort)
     for folder in (out, out / "tables"):
@@ -104,10 +119,16 @@ def write_report(
             lambda _: flight_over_time(flown),
             "Behaviour beside outcomes.",
         )
+    clickable, gap = _fights(fights, told, out)
+    written += clickable
     for name, (heading, draw, about) in figures.items():
         path = out / "figures" / f"{name}.png"
-        save_figure(draw(told), path)
-        pictures.append(Picture(name, heading, about, path.read_bytes()))
+        figure = draw(told)
+        save_figure(figure, path)
+        picture = Picture(name, heading, about, path.read_bytes())
+        if name == "win_rate_map" and clickable:
+            picture = with_links(picture, areas(figure))
+        pictures.append(picture)
         written += [path, path.with_suffix(".pdf")]
     made = (*tables(told), *([flight_table(flown)] if flown else []))
     for table in made:
@@ -117,9 +138,26 @@ def write_report(
     written.append(out / "tables" / "scores.csv")
     write_atomic(written[-1], score_matrix(told))
     verdict, gaps = _verdict(result, told, out, every)
-    html = page(title, _summary(result), verdict, [*notes, *told.missing, *gaps], pictures, made)
+    html = page(
+        title, _summary(result), verdict, [*notes, *told.missing, *gaps, *gap], pictures, made
+    )
     write_atomic(out / "report.html", html)
     return [out / "report.html", *written]
+
+
+def _fights(
+    make: Callable[[Study], str | None], told: Study, out: Path
+) -> tuple[list[Path], list[str]]:
+    """The page of fights, and what keeps it from being made."""
+    try:
+        text = make(told)
+    except UserError as error:
+        reason = one_line(error.message.splitlines()[0])
+        return [], [f"No cell of the win-rate map can be clicked: {reason}."]
+    if text is None:
+        return [], []
+    write_atomic(out / FIGHTS_NAME, text)
+    return [out / FIGHTS_NAME], []
 
 
 def _verdict(

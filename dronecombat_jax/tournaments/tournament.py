@@ -105,7 +105,16 @@ def tournament(
         winner, control_dt = outcome_table(field.config.game), field.config.control_dt
         result = tournament_result(grid.cause, grid.steps, winner, defenders, attackers, control_dt)
         save_result(
-            folder, result, {**_about(field, met, context, result, grid.asked), **(told or {})}
+            folder,
+            result,
+            {
+                **_about(field, met, context, result, grid.asked),
+                "words": [_lasting(word) for word in words],
+                "every": every,
+                "untrained": untrained,
+                "mjcf": mjcf,
+                **(told or {}),
+            },
         )
         _conclude(folder, result, grid.asked)
     return EXIT_TOURNAMENT if field.bad else 0
@@ -207,6 +216,11 @@ def _conclude(folder: Path, result: TournamentResult, asked: NDArray) -> None:
     if absent := int((~result.played & asked).sum()):
         print(f"{absent:,} of {asked.sum():,} cells are missing: their players could not be read")
     print(f"written to {folder}", flush=True)
+
+
+def _lasting(word: str) -> str:
+    """The same word, which a report finds from any folder."""
+    return str(Path(word).resolve()) if Path(word).exists() else word
 
 
 def _scripted(word: str) -> bool:

@@ -66,7 +66,7 @@ def recorder(combat: Combat, filming: Filming) -> Record:
         )
         pilots = tuple(None if isinstance(flyer.pilot, str) else flyer.pilot for flyer in both)
         words = np.concatenate([content_words(flyer.identity) for flyer in both])
-        fights = _joined(jax.device_get(fly(kinds, pilots, words)))
+        fights = joined(jax.device_get(fly(kinds, pilots, words)))
         return [trajectory(combat, fights, index) for index in range(filming.fights)]
 
     return call
@@ -85,7 +85,7 @@ def _pilot(
     return policy_pilot(kind, policy, role, stochastic)
 
 
-def _joined(fights: FightRecord) -> FightRecord:
+def joined(fights: FightRecord) -> FightRecord:
     """Records of single fights, leaves [E, T, 1, ...] and [E, 1, ...], as that of E fights."""
     qpos, qvel, action = (np.swapaxes(leaf[:, :, 0], 0, 1) for leaf in fights[:3])
     start, result = jax.tree.map(lambda leaf: leaf[:, 0], (fights.start, fights.result))

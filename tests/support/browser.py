@@ -90,7 +90,7 @@ class Tab:
         """End the page; it must have asked for nothing but itself, and have complained of nothing."""
         self.context.close()
         assert [url for url in self.asked[1:] if not url.startswith("data:")] == []
-        assert self.said == []
+        assert self.said == [], self.said
 
     def _note(self, kind: str, text: str) -> None:
         if kind in ("error", "warning") and SOFTWARE not in text:

@@ -164,6 +164,7 @@ export class Page {
   }
 
   loop(now) {
+    if (this.gone) return;
     if (this.host.isConnected) this.seen = now;
     else if (now - (this.seen ??= now) > GONE) return this.dispose();
     requestAnimationFrame(this.loop);
@@ -184,7 +185,10 @@ export class Page {
     this.stage?.draw(this.tiles.views(this.canvas), this.clock);
   }
 
+  /** Give everything back; a page that was taken out of its document does so by itself. */
   dispose() {
+    if (this.gone) return;
+    this.gone = true;
     this.stopListening();
     this.theme.dispose();
     this.watcher.disconnect();

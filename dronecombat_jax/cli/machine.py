@@ -9,7 +9,13 @@ from dronecombat_jax.config.setting import setting
 
 @dataclass(frozen=True)
 class DoctorFlags:
-    """Say what this machine has and what is missing, or how a drone's file is flown."""
+    """Say what this machine has and what is missing, or how a drone's file is flown.
+
+    Such as
+
+        dronecombat doctor
+        dronecombat doctor --mjcf my_drone.xml
+    """
 
     mjcf: str = setting("", "an MJCF: how its drone is flown, side by side with C MuJoCo")
 

@@ -11,9 +11,12 @@ from dronecombat_jax.config.setting import setting
 class PilotsFlags:
     """List the pilots that come with the package, and how they rate.
 
-    Each is named pilots:NAME wherever a run or a policy file is: `dronecombat replay
-    pilots:ippo-attacker --defender hover_guard`. Without its number a name is the newest of its
-    kind.
+    Each is named pilots:NAME wherever a run or a policy file is. Without its number a name is the
+    newest of its kind. Such as
+
+        dronecombat pilots
+        dronecombat pilots ippo-attacker
+        dronecombat replay pilots:ippo-attacker --defender hover_guard
     """
 
     name: str = setting("", "one pilot; without it all of them")

@@ -18,7 +18,11 @@ POLICY_SUFFIXES = (".safetensors", ".onnx")
 class EvaluateFlags:
     """Let the two policies of a run fight and count who wins, how and when.
 
-    The run's own evaluation is evaluation.json; with other options it is a file beside that.
+    The run's own evaluation is evaluation.json; with other options it is a file beside that. Such
+    as
+
+        dronecombat evaluate ippo
+        dronecombat evaluate ippo --attacker dash --fights 1000
     """
 
     run: str = setting("", "the run: its folder, or its name in runs/")
@@ -42,7 +46,13 @@ class EvaluateFlags:
 
 @dataclass(frozen=True)
 class ExportFlags:
-    """Write one policy of a run to one file: .safetensors (opens with NumPy alone) or .onnx."""
+    """Write one policy of a run to one file: .safetensors (opens with NumPy alone) or .onnx.
+
+    Such as
+
+        dronecombat export ippo defender.safetensors --role defender
+        dronecombat export ippo attacker.onnx --role attacker --chunk 12
+    """
 
     run: str = setting("", "the run: its folder, or its name in runs/")
     out: str = setting(

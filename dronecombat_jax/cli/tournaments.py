@@ -18,7 +18,10 @@ class TournamentFlags:
     """Every attacker against every defender of the ENTRANTS before the flags, and how they rate.
 
     An entrant is a run (its folder, or its name in runs/), a policy file (.safetensors),
-    scripted:NAME, scripted:all or pilots:NAME.
+    scripted:NAME, scripted:all or pilots:NAME. Such as
+
+        dronecombat tournament ippo sippo scripted:all --every 10
+        dronecombat tournament pilots:all my_policy.safetensors --name mine
     """
 
     episodes: int = setting(
@@ -46,7 +49,13 @@ class TournamentFlags:
 
 @dataclass(frozen=True)
 class ReportFlags:
-    """Draw a tournament: the paper's figures and more, tables, and one page that shows them all."""
+    """Draw a tournament: the paper's figures and more, tables, and one page that shows them all.
+
+    A click on a cell of its win-rate map plays a fight of that pair. Such as
+
+        dronecombat report ippo-sippo
+        dronecombat report tournaments/mine --out report
+    """
 
     tournament: str = setting(
         "", "the tournament: its folder, its name in tournaments/, or a result file"
@@ -61,7 +70,10 @@ class CompareFlags:
 
     Every RUN is a folder, or a name in runs/. The scripted pilots take part as anchors. Flown is
     what the answer and its figures rest on: final defenders against everybody, each run against
-    itself, scripted pilots against final ones.
+    itself, scripted pilots against final ones. Such as
+
+        dronecombat compare ippo sippo
+        dronecombat compare runs/a runs/b runs/c --by selfplay.probability
     """
 
     by: str = setting(

@@ -21,7 +21,14 @@ SHORT_FLAGS = {
 
 @dataclass(frozen=True)
 class TrainFlags(Config):
-    """Train attacker and defender. Defaults < preset < flags."""
+    """Train attacker and defender. A flag counts before the preset, the preset before a default.
+
+    The same command again goes on where the run was stopped or killed. Such as
+
+        dronecombat train --preset smoke
+        dronecombat train --preset duel --name ippo
+        dronecombat train --preset duel --name sippo --selfplay.probability 0.2 --seed 3
+    """
 
     preset: str = setting(
         DEFAULT_PRESET, f"one of {', '.join(settings.presets())}, or a .toml file"

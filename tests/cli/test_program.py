@@ -1,6 +1,7 @@
 """The program around the commands: usage, help, errors, and how it starts."""
 
 import os
+import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -40,9 +41,14 @@ def test_an_unknown_command(capsys, word, hint):
 
 
 @pytest.mark.parametrize("command", cli.COMMANDS)
-def test_every_command_has_help(capsys, command):
+def test_every_command_has_help_with_an_example_whose_flags_exist(capsys, command):
     assert cli.main([command, "--help"]) == 0
-    assert f"usage: dronecombat {command}" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert f"usage: dronecombat {command}" in out
+    examples = re.findall(rf"^    (dronecombat {command}\b.*)$", out, re.MULTILINE)
+    assert examples, "no example"
+    for flag in re.findall(r"--[a-z_.-]+", "\n".join(examples)):
+        assert re.search(rf"^  .*{flag}\b", out, re.MULTILINE), flag
 
 
 def test_help_of_train_has_every_setting_with_its_words(capsys, monkeypatch):

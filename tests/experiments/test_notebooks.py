@@ -100,3 +100,29 @@ def test_it_runs_from_top_to_bottom(script, tmp_path):
     assert "all of this notebook's numbers hold" in str(code[-1].outputs)
     shown = [cell for cell in code if "dronecombat-replay-" in str(cell.outputs)]
     assert shown, "a replay is among the outputs"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_the_install_cell_makes_the_environment(tmp_path):
+    """All of them in a fresh clone, by an interpreter that has a notebook's kernel and nothing else."""
+    checkout = tmp_path / "checkout"
+    clone = ["git", "clone", "--quiet", str(NOTEBOOKS.parents[1]), str(checkout)]
+    subprocess.run(clone, check=True)
+    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True)
+    python = tmp_path / "venv" / "bin" / "python"
+    kernel = ["nbclient", "nbformat", "ipykernel"]
+    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *kernel]
+    made = subprocess.run(pip, capture_output=True, text=True)
+    if made.returncode and "No matching distribution" in made.stderr:
+        pytest.skip("no packages can be had here")
+    assert made.returncode == 0, made.stderr
+    kept = {name: os.environ[name] for name in ("PATH", "HOME", "LANG") if name in os.environ}
+    environment = {**kept, "DRONECOMBAT_NOTEBOOK": "smoke", "MUJOCO_GL": "disabled"}
+    for script in SCRIPTS:
+        notebook = checkout / "experiments" / "notebooks" / f"{script.stem}.ipynb"
+        command = [str(python), "-c", EXECUTE, str(notebook), str(tmp_path / "executed.ipynb")]
+        ran = subprocess.run(
+            command, cwd=notebook.parent, env=environment, capture_output=True, text=True
+        )
+        assert ran.returncode == 0, f"{script.stem}: {ran.stderr[-3000:]}"

@@ -17,6 +17,7 @@ import numpy as np
 
 from dronecombat_jax import load_run, prepare, tournament
 from dronecombat_jax.policies import shipped
+from dronecombat_jax.tournaments.contenders import find
 
 PER_RUN = 10
 BITS = 11  # significant
@@ -64,22 +65,26 @@ def rate(commands: dict[str, str], episodes: int) -> dict[str, dict]:
     wins, draws, losses = scores(result)
     ratings, rate = bradley_terry(wins, losses, draws), score_rate(result)
     sides = result.defenders, result.attackers
-    known, cards = shipped.names(), {}
+    # a policy that both runs saved alike flew once, under the first of its names
+    named: dict[str, list[str]] = {}
+    for name in shipped.names():
+        (contender,) = find(f"{shipped.PREFIX}{name}").contenders
+        named.setdefault(contender.entrant.identity, []).append(name)
+    cards = {}
     for index, entrant in enumerate([*sides[0], *sides[1]]):
-        if entrant.label not in known:
-            continue
         defends = index < len(sides[0])
         score = rate[index] if defends else 1.0 - rate[:, index - len(sides[0])]
         others = sides[1] if defends else sides[0]
         worst = np.argsort(score, kind="stable")[:WORST]
-        cards[entrant.label] = {
-            "trained": commands[entrant.label.partition("-")[0]],
+        card = {
             "steps": entrant.steps,
             "rating": round(float(ratings.rating[index]), 1),
             "low": round(float(ratings.low[index]), 1),
             "high": round(float(ratings.high[index]), 1),
             "loses_to": [f"{others[i].label} ({score[i]:.2f})" for i in worst if score[i] < 0.5],
         }
+        for name in named.get(entrant.identity, ()):
+            cards[name] = {"trained": commands[name.partition("-")[0]], **card}
     return cards
 
 

@@ -32,6 +32,7 @@ def wheel(tmp_path_factory) -> Path:
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     (built,) = folder.glob("*.whl")
+    assert built.stat().st_size < 6e6  # bytes, with forty policies
     with zipfile.ZipFile(built) as archive:
         archive.extractall(folder / "unpacked")
     return folder / "unpacked"
@@ -57,6 +58,12 @@ def test_the_wheel_holds_the_pages_scripts_and_their_licence(wheel):
     files = names(wheel / "dronecombat_jax", "report/viewer/*")
     assert files == {f"report/viewer/{name}" for name in ("replay.js", "play.js", "three.LICENSE")}
     assert files == names(ROOT / "dronecombat_jax", "report/viewer/*")
+
+
+def test_the_wheel_holds_the_pilots_and_their_cards(wheel):
+    files = names(wheel / "dronecombat_jax", "pilots/*")
+    assert "pilots/cards.json" in files and len(files) == 41
+    assert files == names(ROOT / "dronecombat_jax", "pilots/*")
 
 
 def test_the_wheel_installs_the_command(wheel):

@@ -2,10 +2,13 @@
 
 import json
 
+import jax
+import numpy as np
 import pytest
 from policies import SIZES, make_info, make_policy
 
 from dronecombat_jax.cli import commands
+from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.config import settings
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.policies import shipped
@@ -92,3 +95,26 @@ def test_the_command_lists_them(folder, capsys):
     assert len(lines) == 7 and lines[1].split()[:2] == ["ippo-attacker-9", "6.0"]
     assert "hover_guard (0.10)" in lines[2] and "nobody" in lines[1]
     assert "make train-ippo, make train-sippo" in lines[-1]
+
+
+def test_the_package_holds_ten_policies_a_side_of_each_method_each_with_its_card():
+    known, cards = shipped.names(), shipped.cards()
+    assert set(cards) == set(known) and len(known) == 40
+    for kind in ("ippo-attacker", "ippo-defender", "sippo-attacker", "sippo-defender"):
+        chunks = [int(name.rpartition("-")[2]) for name in known if name.startswith(f"{kind}-")]
+        assert len(chunks) == 10 and chunks == sorted(chunks) and chunks[0] > 0
+    for card in cards.values():
+        assert card.low < card.rating < card.high and card.trained.startswith("make train-")
+        assert 0 < card.steps <= 20_400_000
+
+
+def test_every_shipped_pilot_flies_in_the_default_game():
+    """Whole, of the game of preset `duel`, with weights that are numbers."""
+    found = find("pilots:all")
+    game = environment(settings.load("duel"))
+    assert len(found.contenders) == 40 and found.bad == ()
+    for contender in found.contenders:
+        assert contender.environment is not None
+        assert environment_diff(contender.environment, game) == []
+        assert contender.player is not None and not isinstance(contender.player.pilot, str)
+        assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(contender.player.pilot))

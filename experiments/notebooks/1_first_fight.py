@@ -4,8 +4,8 @@
 # %% [markdown]
 # # 1. A first fight
 #
-# Two Crazyflies: the attacker flies to a target, the defender flies to the attacker. No training yet: scripted
-# pilots fly, through the same thrust and moments as a trained policy. You see a fight within a minute.
+# Two Crazyflies: the attacker flies to a target, the defender flies to the attacker. No training yet: two policies
+# that come with the package fly, trained for twenty million steps. You see a fight within a minute.
 
 # %% tags=["setup"]
 # Installs the package with the versions that were tested together, unless it is here already.
@@ -56,14 +56,14 @@ print(*banner(), f"sizes     {SIZES}", sep="\n")
 # ## Watch
 #
 # `show` flies fights and returns a replay: click a fight, then drag, scroll, press space. It needs no OpenGL and no
-# server. The two names are all that changes for other pilots: a run, a policy file (`attacker.safetensors`), or
-# another scripted pilot (`docs/pilots.md` lists them).
+# server. The two names are all that changes for other pilots: a run, a policy file (`attacker.safetensors`),
+# another policy of the package (`dronecombat pilots` lists them), or a scripted pilot such as `scripted:weave`.
 
 # %%
-DEFENDER, ATTACKER = "proportional_navigation", "weave"
+DEFENDER, ATTACKER = "pilots:sippo-defender", "pilots:sippo-attacker"
 FIGHTS = {"smoke": 4, "full": 9}[SIZES]
 
-replay = dc.show(defender=DEFENDER, attacker=ATTACKER, fights=FIGHTS)
+replay = dc.show(DEFENDER, ATTACKER, fights=FIGHTS)
 replay
 
 # %% [markdown]

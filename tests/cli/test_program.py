@@ -143,7 +143,7 @@ def test_report_and_compare_hand_over_their_words(rooms, capsys):
     assert cli.main(["report", "joint", "--out", "there"]) == 0
     assert cli.main(["compare", "a", "b", "--by", "preset", "c", "--episodes", "7"]) == 0
     assert [call[0] for call in calls] == ["prepare", "report", "prepare", "compare"]
-    assert calls[1][1] == ("joint", Path("there"))
+    assert calls[1][1][:2] == ("joint", Path("there"))
     _, (words, rules), options = calls[3]
     assert words == ["a", "b", "c"] and rules == (7, 0, False)
     assert (options["by"], options["every"], options["name"]) == ("preset", 10, "")

@@ -59,7 +59,7 @@ def save_network(
     size = OBSERVATIONS[config.game.observation].size
     scaled = mean is not None
     moments = (mean, variance) if scaled else (np.zeros(size), np.ones(size))
-    scaler = Scaler(*map(plain, (*moments, 1.0)))
+    scaler = Scaler(*map(plain, (*moments, 1.0)))  # pyright: ignore
     network = MLP(tuple(map(plain, weights)), tuple(map(plain, biases)))  # pyright: ignore
     spread = plain(np.zeros(ACTION_SIZE) if log_std is None else log_std)
     info = PolicyInfo(

@@ -117,14 +117,14 @@ def build_flight(
 
 def _for_all_seeds(
     config: Config,
-    one: Callable[[TrainState], tuple[TrainState, Any]],
+    single: Callable[[TrainState], tuple[TrainState, Any]],
     iterations: int,
     mesh: jax.sharding.Mesh | None,
 ) -> Callable[[TrainState], tuple[TrainState, Any]]:
     """`one` iteration of one seed, `iterations` times for every seed [S, ...]."""
 
     def one_seed(state: TrainState) -> tuple[TrainState, Any]:
-        return jax.lax.scan(lambda state, _: one(state), state, None, length=iterations)
+        return jax.lax.scan(lambda state, _: single(state), state, None, length=iterations)
 
     at_once = config.run.seeds_at_once or (
         1 if jax.default_backend() == "cpu" else config.train.num_seeds

@@ -46,9 +46,9 @@ def endings(result: TournamentResult, role: int) -> Endings:
         index.reshape(-1), seconds.reshape(-1), minlength=size * len(Cause)
     ).reshape(size, len(Cause))
     quartiles = np.full((size, 3), np.nan)
-    for one in np.flatnonzero(fights):
-        quartiles[one] = np.quantile(
-            (steps[one] * result.control_dt)[played[one]], [0.25, 0.5, 0.75]
+    for fight_index in np.flatnonzero(fights):
+        quartiles[fight_index] = np.quantile(
+            (steps[fight_index] * result.control_dt)[played[fight_index]], [0.25, 0.5, 0.75]
         )
     with np.errstate(invalid="ignore"):  # 0 / 0 is the NaN that is promised
         return Endings(
@@ -94,11 +94,11 @@ def _drones(values: Any, width: int) -> NDArray[np.float64]:
     return values.reshape(*values.shape[:-1], 2, width)[..., :3]
 
 
-def _dot(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
-    return np.sum(one * other, axis=-1)
+def _dot(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
+    return np.sum(first * second, axis=-1)
 
 
-def _angle(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float64]:
-    norms = np.linalg.norm(one, axis=-1) * np.linalg.norm(other, axis=-1)
-    cosine = np.clip(_dot(one, other) / np.where(norms > 0, norms, 1.0), -1.0, 1.0)
+def _angle(first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.float64]:
+    norms = np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1)
+    cosine = np.clip(_dot(first, second) / np.where(norms > 0, norms, 1.0), -1.0, 1.0)
     return np.where(norms > 0, np.arccos(cosine), np.nan)

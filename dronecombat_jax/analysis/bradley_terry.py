@@ -142,15 +142,15 @@ def describe(
     return Ratings(rating, error, low, high, covariance, design, 0.0, np.nan, np.nan)
 
 
-def contrast(ratings: Ratings, one: int, other: int) -> tuple[float, float]:
+def contrast(ratings: Ratings, first: int, second: int) -> tuple[float, float]:
     """Rating of player `one` minus that of `other` and its standard error, points; NaN across
     components.
     """
-    if ratings.design.component[one] != ratings.design.component[other]:
+    if ratings.design.component[first] != ratings.design.component[second]:
         return np.nan, np.nan
     sign = np.zeros(len(ratings.rating))
-    sign[one] += 1.0
-    sign[other] -= 1.0
+    sign[first] += 1.0
+    sign[second] -= 1.0
     return float(sign @ ratings.rating), float(np.sqrt(max(sign @ ratings.covariance @ sign, 0.0)))
 
 

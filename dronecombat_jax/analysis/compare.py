@@ -75,11 +75,11 @@ def compare_methods(
     comparisons = [_compare(panel, *pair, seed) for pair in combinations(methods, 2)]
     differ = holm([comparison.p_value for comparison in comparisons]).tolist()
     equal = holm([comparison.equivalence_p for comparison in comparisons]).tolist()
-    told = [
-        one._replace(adjusted_p=p, adjusted_equivalence_p=q)
-        for one, p, q in zip(comparisons, differ, equal, strict=True)
+    judged = [
+        comparison._replace(adjusted_p=p, adjusted_equivalence_p=q)
+        for comparison, p, q in zip(comparisons, differ, equal, strict=True)
     ]
-    return [one._replace(verdict=_verdict(one)) for one in told]
+    return [comparison._replace(verdict=_verdict(comparison)) for comparison in judged]
 
 
 def welch(first: NDArray[Any], second: NDArray[Any], level: float = LEVEL) -> Welch:
@@ -192,11 +192,15 @@ def _compare(panel: Panel, first: str, second: str, seed: int) -> Comparison:
     )
 
 
-def _verdict(one: Comparison) -> str:
-    if one.adjusted_p < LEVEL:
-        ahead = one.adjusted_score.difference > 0
-        winner, loser = (one.first, one.second) if ahead else (one.second, one.first)
+def _verdict(comparison: Comparison) -> str:
+    if comparison.adjusted_p < LEVEL:
+        ahead = comparison.adjusted_score.difference > 0
+        winner, loser = (
+            (comparison.first, comparison.second)
+            if ahead
+            else (comparison.second, comparison.first)
+        )
         return f"{winner} beats {loser}"
-    if one.adjusted_equivalence_p < LEVEL:
-        return f"{one.first} and {one.second} are equivalent within {MARGIN:g} Elo"
-    return f"undecided between {one.first} and {one.second}"
+    if comparison.adjusted_equivalence_p < LEVEL:
+        return f"{comparison.first} and {comparison.second} are equivalent within {MARGIN:g} Elo"
+    return f"undecided between {comparison.first} and {comparison.second}"

@@ -114,12 +114,12 @@ def _bootstrap(
     decided = np.clip((rate - share / 2) / np.maximum(1.0 - share, 1e-300), 0.0, 1.0)
     variance, covariance = games * rate * (1.0 - rate), fitted.covariance / POINTS**2
     energy, strength, misfit = np.empty(num), np.empty(num), np.empty(num)
-    for one in range(num):  # one at a time: 400 tables of 100 x 100 at once are no faster
+    for sample in range(num):  # one at a time: 400 tables of 100 x 100 at once are no faster
         drawn = rng.binomial(games, share)
         won = rng.binomial(games - drawn, decided) + drawn / 2
         additive, cyclic = split_logits(score_logits(won, games - won))
-        strength[one], energy[one] = np.sum(additive**2), np.sum(cyclic**2)
-        misfit[one] = _misfit(won - games * rate, variance, covariance)
+        strength[sample], energy[sample] = np.sum(additive**2), np.sum(cyclic**2)
+        misfit[sample] = _misfit(won - games * rate, variance, covariance)
     observed = _misfit(wins + draws / 2 - games * rate, variance, covariance)
     return _Null(energy, strength, float(np.sum(split_logits(x)[0] ** 2)), misfit, observed)
 

@@ -48,8 +48,8 @@ def design_of(
     component = connected_components(graph, directed=False)[1]
     group = connected_components(graph, directed=True, connection="strong")[1]
     bound = np.zeros(total, int)
-    for one in np.unique(component):
-        members = np.flatnonzero(component == one)
+    for part in np.unique(component):
+        members = np.flatnonzero(component == part)
         if len(members) == 1:
             bound[members] = OPEN_BOTH  # never fought
         elif len(np.unique(group[members])) > 1:
@@ -69,14 +69,14 @@ def _bounds(
         # no reference: each is bounded only by the groups that it leads to or comes from
         leads = np.asarray(
             [
-                beats[one, members[group != own]].any()
-                for one, own in zip(members, group, strict=True)
+                beats[member, members[group != own]].any()
+                for member, own in zip(members, group, strict=True)
             ]
         )
         follows = np.asarray(
             [
-                beats[members[group != own], one].any()
-                for one, own in zip(members, group, strict=True)
+                beats[members[group != own], member].any()
+                for member, own in zip(members, group, strict=True)
             ]
         )
         for name in names:

@@ -165,7 +165,9 @@ def _places(
     saved: Sequence[tuple[int, Entrant]], chunks: NDArray[Any]
 ) -> tuple[list[int], NDArray[np.integer]]:
     """The indices of a run's players and their places on the grid of `chunks`."""
-    return [index for index, _ in saved], np.searchsorted(chunks, [one.chunk for _, one in saved])
+    return [index for index, _ in saved], np.searchsorted(
+        chunks, [entrant.chunk for _, entrant in saved]
+    )
 
 
 def _mean(values: NDArray[Any]) -> float:

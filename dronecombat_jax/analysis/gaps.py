@@ -16,11 +16,11 @@ def missing(
     result: TournamentResult, ratings: Ratings, smooth: Curve | None, whole: TournamentResult
 ) -> list[str]:
     """What the tournament lacks, one sentence each."""
-    told = []
+    lines = []
     cells, absent = result.played.size, int(np.sum(~result.played))
     if absent:
-        told.append(f"{absent} of {cells} cells were not played: grey in the maps, in no average.")
-        told.append(
+        lines.append(f"{absent} of {cells} cells were not played: grey in the maps, in no average.")
+        lines.append(
             f"Nash averaging, population values and the cyclic share use the part without missing cells: "
             f"{whole.played.shape[0]} of {result.played.shape[0]} defenders, "
             f"{whole.played.shape[1]} of {result.played.shape[1]} attackers."
@@ -28,26 +28,26 @@ def missing(
     for role, side, played in zip(
         ("defender", "attacker"), (result.defenders, result.attackers), _played(result), strict=True
     ):
-        if idle := [one.label for one, some in zip(side, played, strict=True) if not some]:
-            told.append(f"{_listed(idle)}: no fight as {role}, so no rating.")
-    told += _missing_seeds(result)
+        if idle := [entrant.label for entrant, some in zip(side, played, strict=True) if not some]:
+            lines.append(f"{_listed(idle)}: no fight as {role}, so no rating.")
+    lines += _missing_seeds(result)
     ends = int(np.sum(ratings.design.bound != BOUNDED))
     if ends:
-        told.append(
+        lines.append(
             f"{ends} of {len(ratings.rating)} ratings are open to one side or both (unbeaten, winless or without "
             "fights): the stated prior keeps them finite, their interval has no end there."
         )
     if (parts := len(np.unique(ratings.design.component))) > 1:
-        told.append(
+        lines.append(
             f"The entrants fall into {parts} groups that never met: ratings of two groups cannot be compared."
         )
     if smooth is None:
-        told.append("Too many entrants for the smoothed curve.")
+        lines.append("Too many entrants for the smoothed curve.")
     elif smooth.at_limit and any(len(chain.players) > 1 for chain in timelines(result)):
-        told.append(
+        lines.append(
             "The smoothed curve's step found no optimum: it is all but constant, or not smoothed at all."
         )
-    return told
+    return lines
 
 
 def seeds_of(result: TournamentResult) -> dict[str, int]:
@@ -69,9 +69,9 @@ def _missing_seeds(result: TournamentResult) -> list[str]:
     listed: dict[str, set[str]] = {}
     fought: list[set[str]] = []
     for side, played in zip((result.defenders, result.attackers), _played(result), strict=True):
-        for _, one in showings(side):
-            if one.lineage:
-                listed.setdefault(one.method, set()).add(one.lineage)
+        for _, entrant in showings(side):
+            if entrant.lineage:
+                listed.setdefault(entrant.method, set()).add(entrant.lineage)
         fought.append(
             {
                 entrant.lineage
@@ -79,15 +79,15 @@ def _missing_seeds(result: TournamentResult) -> list[str]:
                 if played[index] and entrant.lineage
             }
         )
-    there = fought[0] | fought[1]
-    told = [
-        f"{method}: only {len(seeds & there)} of {len(seeds)} training seeds fought; missing {_listed(sorted(seeds - there))}."
+    flown = fought[0] | fought[1]
+    lines = [
+        f"{method}: only {len(seeds & flown)} of {len(seeds)} training seeds fought; missing {_listed(sorted(seeds - flown))}."
         for method, seeds in listed.items()
-        if seeds - there
+        if seeds - flown
     ]
-    counts = {method: len(seeds & there) for method, seeds in listed.items()}
+    counts = {method: len(seeds & flown) for method, seeds in listed.items()}
     if len(set(counts.values())) > 1:
-        told.append(
+        lines.append(
             "Unequal numbers of training seeds: "
             + ", ".join(f"{item} {n}" for item, n in counts.items())
             + "."
@@ -97,10 +97,10 @@ def _missing_seeds(result: TournamentResult) -> list[str]:
         ("defenders", fought[1] - fought[0]),
     ):
         if lacking:
-            told.append(
+            lines.append(
                 f"{_listed(sorted(lacking))}: no {role} fought, so no map of the run by itself."
             )
-    return told
+    return lines
 
 
 def _played(result: TournamentResult) -> tuple[NDArray[Any], NDArray[Any]]:

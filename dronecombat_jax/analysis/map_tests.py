@@ -45,17 +45,17 @@ def map_tests(win_maps: Mapping[str, tuple[RunMap, ...]]) -> tuple[MapTest, ...]
             continue
         rows, columns = (np.flatnonzero(np.any(common, axis=axis)) for axis in (1, 0))
         rows = rows[shown_defenders(len(rows))]
-        one, other = (stack[:, rows][:, :, columns] for stack in stacks)
+        first_maps, second_maps = (stack[:, rows][:, :, columns] for stack in stacks)
         chunks = win_maps[first][0].chunks
         tests.append(
             MapTest(
                 first,
                 second,
-                (len(one), len(other)),
+                (len(first_maps), len(second_maps)),
                 chunks[rows],
                 chunks[columns],
-                one.mean(axis=0) - other.mean(axis=0),
-                max_t_test(one, other),
+                first_maps.mean(axis=0) - second_maps.mean(axis=0),
+                max_t_test(first_maps, second_maps),
             )
         )
     return tuple(tests)
@@ -66,7 +66,7 @@ def shown_defenders(size: int) -> NDArray[np.integer]:
     return np.unique(np.linspace(0, size - 1, min(DEFENDERS_SHOWN, size)).round().astype(int))
 
 
-def told(test: MapTest) -> str:
+def summary(test: MapTest) -> str:
     """One sentence for a person."""
     tested, differ = int(np.isfinite(test.adjusted_p).sum()), int(np.sum(test.adjusted_p < LEVEL))
     text = (

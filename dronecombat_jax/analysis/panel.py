@@ -73,7 +73,7 @@ def away_panel(result: TournamentResult, every: int = EVERY) -> Panel:
     absent = np.isnan(rate) & ~own
     whole = absent.mean(axis=1) < 0.5 if len(seats) else np.zeros(len(finals), bool)
     met = ~absent[whole].any(axis=0)
-    kept = [one for (_, one), keep in zip(finals, whole, strict=True) if keep]
+    kept = [entrant for (_, entrant), keep in zip(finals, whole, strict=True) if keep]
     players = [
         result.attackers[seat] for seat, keep in zip(seats, np.atleast_1d(met), strict=True) if keep
     ]
@@ -86,10 +86,10 @@ def away_panel(result: TournamentResult, every: int = EVERY) -> Panel:
     table = _average(cells, member)
     filled = fill_home(table, weights)
     return Panel(
-        runs=tuple(one.lineage for one in kept),
-        methods=tuple(one.method for one in kept),
-        seeds=tuple(one.seed for one in kept),
-        steps=tuple(one.steps for one in kept),
+        runs=tuple(entrant.lineage for entrant in kept),
+        methods=tuple(entrant.method for entrant in kept),
+        seeds=tuple(entrant.seed for entrant in kept),
+        steps=tuple(entrant.steps for entrant in kept),
         adjusted=mean_scores(filled, weights),
         plain=_average(cells, np.ones((1, len(players)), bool))[:, 0],
         fights=(~np.isnan(cells)).sum(axis=1) * result.cause.shape[2],
@@ -99,8 +99,8 @@ def away_panel(result: TournamentResult, every: int = EVERY) -> Panel:
         group_methods=tuple(method for _, method, _ in names),
         weights=weights,
         missing=tuple(
-            (one.lineage, one.method)
-            for (_, one), keep in zip(finals, whole, strict=True)
+            (entrant.lineage, entrant.method)
+            for (_, entrant), keep in zip(finals, whole, strict=True)
             if not keep
         ),
         dropped=tuple(result.attackers[seat].identity for seat in np.asarray(seats)[~met]),
@@ -169,11 +169,11 @@ def _different(
     first: dict[int, Entrant] = {}
     copies = []
     for lineage, saved in sorted(trainings.items()):
-        index, one = saved[-1]
+        index, entrant = saved[-1]
         if index in first:
             copies.append((lineage, first[index].lineage))
         else:
-            first[index] = one
+            first[index] = entrant
     return list(first.items()), tuple(copies)
 
 
@@ -183,8 +183,8 @@ def _seats(entrants: Sequence[Entrant], every: int) -> list[int]:
     trained = {
         index
         for saved in by_training(entrants).values()
-        for index, one in saved
-        if one is saved[-1][1] or (one.chunk > 0 and one.chunk % every == 0)
+        for index, entrant in saved
+        if entrant is saved[-1][1] or (entrant.chunk > 0 and entrant.chunk % every == 0)
     }
     return sorted(pilots | trained, key=lambda index: entrants[index].identity)
 

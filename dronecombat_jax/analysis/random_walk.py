@@ -54,9 +54,9 @@ def timelines(result: TournamentResult) -> tuple[Timeline, ...]:
             players: list[int] = []
             times: list[int] = []
             clock = before = saved[0][1].chunk
-            for index, one in saved:
-                clock += 0 if players and players[-1] == first + index else one.chunk - before
-                before = one.chunk
+            for index, entrant in saved:
+                clock += 0 if players and players[-1] == first + index else entrant.chunk - before
+                before = entrant.chunk
                 if first + index not in taken:
                     taken.add(first + index)
                     players.append(first + index)

@@ -125,7 +125,8 @@ def tournament_result(
         cause=cause.astype(np.int8),
         steps=steps,
         played=mask,
-        winner=tuple(Outcome(one) for one in winner) + (Outcome.DRAW,) * (len(Cause) - len(winner)),
+        winner=tuple(Outcome(outcome) for outcome in winner)
+        + (Outcome.DRAW,) * (len(Cause) - len(winner)),
         defenders=tuple(defenders),
         attackers=tuple(attackers),
         control_dt=float(control_dt),
@@ -138,25 +139,25 @@ def showings(entrants: Sequence[Entrant]) -> list[tuple[int, Entrant]]:
     A head start saves the defender again and again as it was, a frozen chunk the attacker. Such a
     policy flies and is rated once; whatever is shown over training shows it at every chunk.
     """
-    every = lambda one: (
-        one._replace(also=()),
-        *(one._replace(also=(), **name._asdict()) for name in one.also),
+    every = lambda entrant: (
+        entrant._replace(also=()),
+        *(entrant._replace(also=(), **name._asdict()) for name in entrant.also),
     )
     return [(index, shown) for index, entrant in enumerate(entrants) for shown in every(entrant)]
 
 
 def by_training(entrants: Sequence[Entrant]) -> dict[str, list[tuple[int, Entrant]]]:
     """What each training left, by lineage: the `showings`, in order of chunk, one a chunk."""
-    found: dict[str, dict[int, tuple[int, Entrant]]] = {}
+    lineages: dict[str, dict[int, tuple[int, Entrant]]] = {}
     for index, entrant in sorted(showings(entrants), key=lambda pair: pair[1].chunk):
         if entrant.lineage:
-            found.setdefault(entrant.lineage, {})[entrant.chunk] = index, entrant
-    return {lineage: list(saved.values()) for lineage, saved in found.items()}
+            lineages.setdefault(entrant.lineage, {})[entrant.chunk] = index, entrant
+    return {lineage: list(saved.values()) for lineage, saved in lineages.items()}
 
 
 def count_causes(cause: NDArray[Any]) -> NDArray[np.int32]:
     """Fights [D, A, C] by `Cause`, of `cause` [D, A, E]; NONE is not counted."""
-    counts = np.stack([np.sum(cause == one, axis=2, dtype=np.int32) for one in Cause], axis=2)
+    counts = np.stack([np.sum(cause == which, axis=2, dtype=np.int32) for which in Cause], axis=2)
     counts[:, :, Cause.NONE] = 0
     return counts
 

@@ -208,8 +208,8 @@ def memories(result: TournamentResult) -> dict[str, Memory]:
     """By lineage, for every run that has both roles in the tournament."""
     memories = {}
     for run_map in run_maps(result):
-        there = ~np.isnan(run_map.score)
-        kept = np.flatnonzero(there.any(axis=0) | there.any(axis=1))
+        known = ~np.isnan(run_map.score)
+        kept = np.flatnonzero(known.any(axis=0) | known.any(axis=1))
         if len(kept):
             score = run_map.score[np.ix_(kept, kept)]
             away = home_and_away(result, run_map.run)

@@ -72,25 +72,29 @@ def judge(
         raise UserError(reason, EXIT_DATA)
     remembered, own = memories(result), at_home(result, panel)
     answers = []
-    told = compare_methods(result, chosen, every=every)
-    for one in told:
+    compared = compare_methods(result, chosen, every=every)
+    for comparison in compared:
         of = np.asarray(panel.methods)
-        scores = [panel.adjusted[of == method] for method in (one.first, one.second)]
+        scores = [panel.adjusted[of == method] for method in (comparison.first, comparison.second)]
         means = (float(scores[0].mean()), float(scores[1].mean()))
-        more = secondary(panel, remembered, own, one.first, one.second)
-        answers.append(Answer(one, means, sentence(one, means, len(told)), more))
+        more = secondary(panel, remembered, own, comparison.first, comparison.second)
+        answers.append(Answer(comparison, means, sentence(comparison, means, len(compared)), more))
     return Verdict(tuple(answers), panel, every, int(result.played.sum()) * result.cause.shape[2])
 
 
-def sentence(one: Comparison, means: tuple[float, float], pairs: int = 1) -> str:
+def sentence(comparison: Comparison, means: tuple[float, float], pairs: int = 1) -> str:
     """The answer; `pairs` is over how many Holm's correction goes."""
-    test = f"{'exact' if one.exact else 'sampled'} permutation p = {one.adjusted_p:.2g}{' after Holm' * (pairs > 1)}"
-    seeds = f"{one.seeds[0]} v {one.seeds[1]} training seeds"
-    if one.adjusted_p < LEVEL:
-        ahead = one.adjusted_score.difference > 0
-        winner, loser = (one.first, one.second) if ahead else (one.second, one.first)
+    test = f"{'exact' if comparison.exact else 'sampled'} permutation p = {comparison.adjusted_p:.2g}{' after Holm' * (pairs > 1)}"
+    seeds = f"{comparison.seeds[0]} v {comparison.seeds[1]} training seeds"
+    if comparison.adjusted_p < LEVEL:
+        ahead = comparison.adjusted_score.difference > 0
+        winner, loser = (
+            (comparison.first, comparison.second)
+            if ahead
+            else (comparison.second, comparison.first)
+        )
         high, low = means if ahead else means[::-1]
-        ends = (one.adjusted_score.low, one.adjusted_score.high)
+        ends = (comparison.adjusted_score.low, comparison.adjusted_score.high)
         ends = ends if ahead else (-ends[1], -ends[0])
         text = (
             f"YES: {winner}'s final defender beats {loser}'s. Against attackers that it never "
@@ -98,25 +102,25 @@ def sentence(one: Comparison, means: tuple[float, float], pairs: int = 1) -> str
             f"{_signed(high - low)}, 95 % interval {_signed(ends[0])} to {_signed(ends[1])} "
             f"({test}, {seeds})."
         )
-        if not one.new_attackers[0] * one.new_attackers[1] > 0:
+        if not comparison.new_attackers[0] * comparison.new_attackers[1] > 0:
             text += " That is against these attackers; with newly trained ones the difference may vanish."
         return text
-    if one.adjusted_equivalence_p < LEVEL:
+    if comparison.adjusted_equivalence_p < LEVEL:
         return (
-            f"NO DIFFERENCE OF {MARGIN:g} ELO: the final defenders of {one.first} and {one.second} are equivalent within that "
-            f"margin (two one-sided tests, p = {one.adjusted_equivalence_p:.2g}{' after Holm' * (pairs > 1)}; {test} for a "
+            f"NO DIFFERENCE OF {MARGIN:g} ELO: the final defenders of {comparison.first} and {comparison.second} are equivalent within that "
+            f"margin (two one-sided tests, p = {comparison.adjusted_equivalence_p:.2g}{' after Holm' * (pairs > 1)}; {test} for a "
             f"difference, {seeds})."
         )
     margin = (
         "could not be tested"
-        if np.isnan(one.adjusted_equivalence_p)
-        else f"is not shown either (p = {one.adjusted_equivalence_p:.2g})"
+        if np.isnan(comparison.adjusted_equivalence_p)
+        else f"is not shown either (p = {comparison.adjusted_equivalence_p:.2g})"
     )
     text = (
-        f"UNDECIDED: no difference between the final defenders of {one.first} and {one.second} is shown ({test}, {seeds}), "
+        f"UNDECIDED: no difference between the final defenders of {comparison.first} and {comparison.second} is shown ({test}, {seeds}), "
         f"and that they are equal within {MARGIN:g} Elo {margin}. This is not evidence that they are equal."
     )
-    if (least := smallest_p(*one.seeds) * pairs) >= LEVEL:
+    if (least := smallest_p(*comparison.seeds) * pairs) >= LEVEL:
         text += f" With {seeds} no result could have been significant: the smallest possible p is {min(least, 1.0):.2g}."
     return text
 
@@ -133,12 +137,24 @@ def secondary(
     }
     tests = []
     for name, values in measures.items():
-        one, other = (_known(values, runs[methods == method]) for method in (first, second))
-        if len(one) and len(other):
-            tests.append((name, permutation_test(one, other), (len(one), len(other))))
-    one, other = (panel.adjusted[methods == method] for method in (first, second))
+        first_values, second_values = (
+            _known(values, runs[methods == method]) for method in (first, second)
+        )
+        if len(first_values) and len(second_values):
+            tests.append(
+                (
+                    name,
+                    permutation_test(first_values, second_values),
+                    (len(first_values), len(second_values)),
+                )
+            )
+    first_values, second_values = (panel.adjusted[methods == method] for method in (first, second))
     tests.append(
-        ("spread of the score over seeds", spread_test(one, other), (len(one), len(other)))
+        (
+            "spread of the score over seeds",
+            spread_test(first_values, second_values),
+            (len(first_values), len(second_values)),
+        )
     )
     adjusted = holm([float(test.p_value) for _, test, _ in tests])
     return tuple(
@@ -149,8 +165,8 @@ def secondary(
 
 def _known(values: dict[str, float], runs: NDArray[Any]) -> NDArray[np.float64]:
     """The values of `runs`, of those that have a finite one."""
-    found = np.asarray([values[run] for run in runs if run in values], float)
-    return found[np.isfinite(found)]
+    known = np.asarray([values[run] for run in runs if run in values], float)
+    return known[np.isfinite(known)]
 
 
 def _signed(value: float) -> str:

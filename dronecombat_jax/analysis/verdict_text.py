@@ -45,7 +45,7 @@ def verdict_json(verdict: Verdict) -> dict[str, Any]:
         "comparisons": [
             {"sentence": answer.sentence, "mean_adjusted_score": _by_method(answer)}
             | {key: _tree(value) for key, value in answer.numbers._asdict().items()}
-            | {"secondary": [one._asdict() for one in answer.secondary]}
+            | {"secondary": [measure._asdict() for measure in answer.secondary]}
             for answer in verdict.answers
         ],
         "seeds": [
@@ -68,41 +68,41 @@ def verdict_json(verdict: Verdict) -> dict[str, Any]:
 
 
 def _block(answer: Answer) -> str:
-    one = answer.numbers
-    effect = _number(one.effect, "+.2f")
+    numbers = answer.numbers
+    effect = _number(numbers.effect, "+.2f")
     lines = [
         answer.sentence,
-        f"  adjusted score        {one.first} {answer.means[0]:.3f}   "
-        f"{one.second} {answer.means[1]:.3f}   at least {one.fights:,} fights a seed; "
+        f"  adjusted score        {numbers.first} {answer.means[0]:.3f}   "
+        f"{numbers.second} {answer.means[1]:.3f}   at least {numbers.fights:,} fights a seed; "
         "a win 1, a draw 1/2",
         f"{'':24}as if all had met all attackers; against a run's own, what both strengths predict",
-        f"  differences are {one.first} minus {one.second}, with 95 % intervals:",
-        f"  adjusted score        {_interval(one.adjusted_score)} Welch;  Cohen's d {effect}",
-        f"  new attackers         {_ends(one.new_attackers)} pigeonhole bootstrap over both sides' runs",
-        f"  Elo                   {_interval(one.elo, '.0f')} of the score's logit",
-        f"  plain mean            {_interval(one.plain_score)} for information: "
+        f"  differences are {numbers.first} minus {numbers.second}, with 95 % intervals:",
+        f"  adjusted score        {_interval(numbers.adjusted_score)} Welch;  Cohen's d {effect}",
+        f"  new attackers         {_ends(numbers.new_attackers)} pigeonhole bootstrap over both sides' runs",
+        f"  Elo                   {_interval(numbers.elo, '.0f')} of the score's logit",
+        f"  plain mean            {_interval(numbers.plain_score)} for information: "
         "tilted towards the method with the stronger attackers",
-        f"  permutation p         {one.p_value:.4g}, Holm {one.adjusted_p:.4g} ({'all' if one.exact else 'a sample of'} relabellings; "
-        f"least possible {smallest_p(*one.seeds):.2g})",
-        f"  equivalence p         {_number(one.equivalence_p, '.4g')}, Holm {_number(one.adjusted_equivalence_p, '.4g')} "
+        f"  permutation p         {numbers.p_value:.4g}, Holm {numbers.adjusted_p:.4g} ({'all' if numbers.exact else 'a sample of'} relabellings; "
+        f"least possible {smallest_p(*numbers.seeds):.2g})",
+        f"  equivalence p         {_number(numbers.equivalence_p, '.4g')}, Holm {_number(numbers.adjusted_equivalence_p, '.4g')} "
         f"(within {MARGIN:g} Elo)",
         *(
             f"  secondary             {s.measure}: {s.difference:+.3f}, p {s.p_value:.3g}, Holm {s.adjusted_p:.3g}"
             for s in answer.secondary
         ),
     ]
-    if one.missing:
-        lines.append(f"  left out              {', '.join(one.missing)}")
+    if numbers.missing:
+        lines.append(f"  left out              {', '.join(numbers.missing)}")
     return "\n".join(lines)
 
 
 def _by_method(answer: Answer) -> dict[str, float]:
-    one = answer.numbers
-    return dict(zip((one.first, one.second), answer.means, strict=True))
+    numbers = answer.numbers
+    return dict(zip((numbers.first, numbers.second), answer.means, strict=True))
 
 
-def _interval(told: Welch, digits: str = ".3f") -> str:
-    return f"{told.difference:+{digits}} {_ends((told.low, told.high), digits)}"
+def _interval(welch: Welch, digits: str = ".3f") -> str:
+    return f"{welch.difference:+{digits}} {_ends((welch.low, welch.high), digits)}"
 
 
 def _ends(ends: tuple[float, float], digits: str = ".3f") -> str:

@@ -113,8 +113,8 @@ def build_fly(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout, stochast
 
 def idle_lanes(combat: Combat, layout: Layout) -> Lanes:
     """A batch in which nobody has begun to fight; NumPy leaves."""
-    one = jax.eval_shape(combat.reset, jax.random.key(0))
-    state = jax.tree.map(lambda leaf: np.zeros((layout.lanes, *leaf.shape), leaf.dtype), one)
+    fight = jax.eval_shape(combat.reset, jax.random.key(0))
+    state = jax.tree.map(lambda leaf: np.zeros((layout.lanes, *leaf.shape), leaf.dtype), fight)
     result = jax.tree.map(
         lambda leaf: np.zeros(leaf.shape, leaf.dtype), jax.eval_shape(no_result, state)
     )

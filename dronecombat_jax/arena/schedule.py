@@ -105,7 +105,7 @@ class Schedule:
         layout, player = self.layout, self.player[role]
         lanes = np.flatnonzero((player != NOBODY) & self._grouped[role][player])
         lanes = lanes[np.argsort(player[lanes], kind="stable")]
-        found, first, count = np.unique(player[lanes], return_index=True, return_counts=True)
+        flyers, first, count = np.unique(player[lanes], return_index=True, return_counts=True)
         needed = -(-count // layout.block)
         start = np.cumsum(needed) - needed  # each player's first block
         seat = np.repeat(start * layout.block - first, count) + np.arange(len(lanes))
@@ -114,7 +114,7 @@ class Schedule:
         seats = np.zeros(layout.lanes, np.int32)
         seats[lanes] = seat
         players = np.zeros(layout.blocks, np.int32)
-        players[: needed.sum()] = np.repeat(found, needed)
+        players[: needed.sum()] = np.repeat(flyers, needed)
         return Blocks(players, rows.reshape(layout.blocks, layout.block), seats)
 
     def _room(self, fight: Fight) -> bool:

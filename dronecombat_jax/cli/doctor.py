@@ -57,15 +57,15 @@ def doctor_mjcf(path: str) -> int:
     from dronecombat_jax.sim.inspection import inspect
 
     try:
-        found = inspect(SimConfig(mjcf=path))
+        inspection = inspect(SimConfig(mjcf=path))
     except UserError as error:
         print(f"{'file':12} FAIL  {error.message}")
         return EXIT_CONFIG
-    for word, text in found.lines:
+    for word, text in inspection.lines:
         print(f"{word:12} {text}")
-    verdict = "ok    flown" if found.agrees else "FAIL  not flown"
+    verdict = "ok    flown" if inspection.agrees else "FAIL  not flown"
     print(f"{'verdict':12} {verdict} as it is written")
-    return 0 if found.agrees else EXIT_CONFIG
+    return 0 if inspection.agrees else EXIT_CONFIG
 
 
 def _report(name: str, check: Callable[[], str]) -> bool:
@@ -74,12 +74,12 @@ def _report(name: str, check: Callable[[], str]) -> bool:
         print(f"{name:12} ok    {check()}", flush=True)
         return True
     except Failed as verdict:
-        found, fix = verdict.found, verdict.fix
+        finding, fix = verdict.found, verdict.fix
     except UserError as error:
-        found, _, fix = error.message.partition(" Fix: ")
+        finding, _, fix = error.message.partition(" Fix: ")
     except Exception as error:  # a broken installation raises anything
-        found, fix = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}", REINSTALL
-    print(f"{name:12} FAIL  {found}", flush=True)
+        finding, fix = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}", REINSTALL
+    print(f"{name:12} FAIL  {finding}", flush=True)
     if fix:
         print(f"{'':12} fix:  {fix}", flush=True)
     return False

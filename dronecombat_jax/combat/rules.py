@@ -89,9 +89,9 @@ def forfeit(invalid: jax.Array) -> jax.Array:
     NONE where none did.
     """
     defender, attacker = invalid[DEFENDER], invalid[ATTACKER]
-    one = jnp.where(attacker, jnp.int32(Cause.ATTACKER_INVALID), jnp.int32(Cause.NONE))
+    single = jnp.where(attacker, jnp.int32(Cause.ATTACKER_INVALID), jnp.int32(Cause.NONE))
     other = jnp.where(attacker, jnp.int32(Cause.BOTH_INVALID), jnp.int32(Cause.DEFENDER_INVALID))
-    return jnp.where(defender, other, one)
+    return jnp.where(defender, other, single)
 
 
 def timeout_decides(game: GameConfig) -> bool:

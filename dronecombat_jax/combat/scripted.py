@@ -75,7 +75,7 @@ def build_pilot(name: str, config: Config, scene: Scene, role: int | None = None
                 its_role, guidances[name], airframe(config, scene, its_role), config.control_dt
             )
     roles = PILOTS if role is None else (role,)
-    names = "; ".join(f"{SIDES[there]}s: {', '.join(PILOTS[there])}" for there in roles)
+    names = "; ".join(f"{SIDES[side]}s: {', '.join(PILOTS[side])}" for side in roles)
     raise UserError(f"{one_line(name)}: no scripted pilot has this name ({names})")
 
 

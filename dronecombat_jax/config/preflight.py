@@ -46,15 +46,15 @@ def problems(config: Config) -> list[Problem]:
 
 def memory_problems(config: Config) -> list[Problem]:
     """One problem where training needs more memory than this machine has."""
-    needed, there = estimated_bytes(config), machine_bytes()
-    if there is None or needed <= there:
+    needed, available = estimated_bytes(config), machine_bytes()
+    if available is None or needed <= available:
         return []
     envs, steps, seeds = config.train.num_envs, config.learn.rollout_steps, config.train.num_seeds
     return [
         Problem(
             ("train.num_envs", "learn.rollout_steps", "train.num_seeds", "learn.hidden_sizes"),
             f"train.num_envs = {envs}, learn.rollout_steps = {steps}, train.num_seeds = {seeds} need about "
-            f"{bytes_in_words(needed)} of memory, and this machine has {bytes_in_words(there)}",
+            f"{bytes_in_words(needed)} of memory, and this machine has {bytes_in_words(available)}",
         )
     ]
 

@@ -106,15 +106,15 @@ class Setting:
 
 def settings_of(cls: type, prefix: str = "") -> dict[str, Setting]:
     """Every leaf setting of the dataclass `cls` by dotted key, in the order of declaration."""
-    found: dict[str, Setting] = {}
+    entries: dict[str, Setting] = {}
     hints = get_type_hints(cls)
     for item in dataclasses.fields(cls):
         hint, key = hints[item.name], prefix + item.name
         if dataclasses.is_dataclass(hint):
-            found |= settings_of(hint, key + ".")  # pyright: ignore[reportArgumentType]
+            entries |= settings_of(hint, key + ".")  # pyright: ignore[reportArgumentType]
         else:
-            found[key] = _setting(key, hint, item)
-    return found
+            entries[key] = _setting(key, hint, item)
+    return entries
 
 
 def build(cls: type, values: dict[str, Any], prefix: str = "") -> Any:

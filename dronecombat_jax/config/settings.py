@@ -8,13 +8,14 @@ one value (`schema`), rules across settings (`preflight`). Nothing imports JAX o
 import difflib
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from dronecombat_jax.config import preflight
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.preset_text import lines_of, syntax_error, text_of
 from dronecombat_jax.config.schema import (
     Setting,
     build,
@@ -26,13 +27,8 @@ from dronecombat_jax.config.schema import (
 )
 from dronecombat_jax.errors import UserError
 
-MAX_FILE_BYTES = 1_000_000
 SCHEMA: dict[str, Setting] = settings_of(Config)
 SECTIONS: tuple[str, ...] = tuple(dict.fromkeys(key.split(".")[0] for key in SCHEMA))
-
-_HEADER = re.compile(r"""\s*\[\s*["']?([A-Za-z0-9_-]+)["']?\s*\]""")
-_ENTRY = re.compile(r"""\s*["']?([A-Za-z0-9_.-]+)["']?\s*=""")
-_AT_LINE = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
 
 
 class Given(NamedTuple):
@@ -118,7 +114,7 @@ def read(path: Path) -> dict[str, Given]:
     """The values in a TOML file by dotted key, unchecked; UserError where it is not TOML or too
     large.
     """
-    return _values(_text_of(path), str(path))
+    return _values(text_of(path), str(path))
 
 
 def _values(text: str, source: str) -> dict[str, Given]:
@@ -126,12 +122,12 @@ def _values(text: str, source: str) -> dict[str, Given]:
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise UserError(_syntax_error(source, error)) from None
+        raise UserError(syntax_error(source, error)) from None
     if not document:
         raise UserError(
             f"{source}: the file is empty; it needs at least one section such as [train]"
         )
-    lines = _lines_of(text)
+    lines = lines_of(text)
     values: dict[str, Given] = {}
     for name, content in document.items():
         known = name in SECTIONS and isinstance(content, dict)
@@ -148,8 +144,8 @@ def presets() -> dict[str, Path]:
     """The presets that come with the package, by name: in a wheel, or in the checkout around it."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "experiments", package.parent / "experiments"):
-        if found := sorted(folder.glob("*.toml")):
-            return {path.stem: path for path in found}
+        if files := sorted(folder.glob("*.toml")):
+            return {path.stem: path for path in files}
     return {}
 
 
@@ -249,56 +245,3 @@ def _placed(problem: preflight.Problem, given: Mapping[str, Given]) -> str:
     flags = [where for where in written_down if where.startswith("--")]
     where = next(iter(flags or written_down), None)
     return f"{where}: {problem.message}" if where else problem.message
-
-
-def _text_of(path: Path) -> str:
-    """The text of a small UTF-8 file; UserError for anything else."""
-    try:
-        if not path.is_file():
-            raise UserError(f"{path}: {'not a file' if path.exists() else 'no such file'}")
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
-    except (OSError, ValueError) as error:
-        raise UserError(
-            f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
-        ) from None
-    if len(data) > MAX_FILE_BYTES:
-        raise UserError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is no preset")
-    if data.startswith((b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")):
-        raise UserError(f"{path}:1: starts with a byte-order mark; save it as UTF-8 without BOM")
-    try:
-        return data.decode()
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise UserError(f"{path}:{line}: not UTF-8 (byte 0x{data[error.start]:02x})") from None
-
-
-def _syntax_error(path: str, error: BaseException) -> str:
-    """One line for a parser's error, with the line number that Python hides in its text."""
-    if isinstance(error, RecursionError):
-        return f"{path}: not valid TOML: nested too deeply"
-    if not isinstance(error, tomllib.TOMLDecodeError):
-        return f"{path}: not valid TOML: a number has too many digits"
-    text = str(error)
-    place = _AT_LINE.search(text)
-    reason = text[: place.start()] if place else text
-    reason = {"Cannot overwrite a value": "the same key twice"}.get(reason, reason)
-    line = f":{place[1]}" if place and place[1] else ""
-    return f"{path}{line}: not valid TOML: {one_line(reason)}"
-
-
-def _lines_of(text: str) -> dict[str, int]:
-    """The line of each dotted key and section; nothing where a multi-line string could mislead."""
-    if '"""' in text or "'''" in text:
-        return {}
-    return dict(reversed(list(_entries(text))))
-
-
-def _entries(text: str) -> Iterator[tuple[str, int]]:
-    section = ""
-    for number, line in enumerate(text.split("\n"), start=1):
-        if header := _HEADER.match(line):
-            section = header[1] + "."
-            yield header[1], number
-        elif entry := _ENTRY.match(line):
-            yield section + entry[1], number

@@ -118,8 +118,15 @@ class SelfPlayConfig:
         "defender",
         "who meets the past of the other: the defender (paper), the attacker, or in turn by lot both",
     )
-    sampler: Literal["uniform", "latest", "delta_uniform", "pfsp_hard", "pfsp_variance"] = setting(
+    sampler: Literal[
+        "uniform", "latest", "delta_uniform", "pfsp_hard", "pfsp_variance", "latest_and_hard"
+    ] = setting(
         "uniform", "how past opponents are drawn from the pool (selfplay.samplers)", own=True
+    )
+    record: Literal["win", "rho", "margin"] = setting(
+        "win",
+        "what a fight of t out of T steps counts in the record that samplers see: win: won 1, drawn 1/2; rho: how soon, "
+        "1 - t/T where won, else 0; margin: (1 + rho)/2 won, 1/2 drawn, (1 - rho)/2 lost",
     )
     scope: Literal["chunk", "environment"] = setting(
         "chunk", "one past opponent for a whole chunk (paper), or one drawn for each environment"
@@ -130,7 +137,9 @@ class SelfPlayConfig:
         low=0.0,
         high=1.0,
     )
-    pfsp_power: float = setting(2.0, "pfsp_hard: exponent k of (1 - x)^k", low=0.0, high=100.0)
+    pfsp_power: float = setting(
+        2.0, "pfsp_hard, latest_and_hard: exponent k of (1 - x)^k", low=0.0, high=100.0
+    )
     memory: float = setting(
         0.5,
         "what a record of wins against a pool member is still worth one chunk later",

@@ -44,15 +44,15 @@ def match_template(template: Any, saved: tuple[Leaf, ...], name: str, hint: str)
     expected = [
         Leaf(path, np.dtype(leaf.dtype).name, tuple(leaf.shape)) for path, leaf in paths(template)
     ]
-    wanted, there = {leaf.path: leaf for leaf in expected}, {leaf.path: leaf for leaf in saved}
+    wanted, given = {leaf.path: leaf for leaf in expected}, {leaf.path: leaf for leaf in saved}
     names = [leaf.path for leaf in expected] + [
         leaf.path for leaf in saved if leaf.path not in wanted
     ]
-    wrong = [path for path in names if wanted.get(path) != there.get(path)]
+    wrong = [path for path in names if wanted.get(path) != given.get(path)]
     if not wrong:
         return expected
     named = "; ".join(
-        f"{path}: expected {wanted.get(path, 'nothing')}, got {there.get(path, 'nothing')}"
+        f"{path}: expected {wanted.get(path, 'nothing')}, got {given.get(path, 'nothing')}"
         for path in wrong[:_MAX_NAMED]
     )
     more = f"; and {len(wrong) - _MAX_NAMED} more" if len(wrong) > _MAX_NAMED else ""

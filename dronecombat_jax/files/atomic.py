@@ -89,13 +89,15 @@ def sweep(directory: Path) -> list[Path]:
     """
     if not directory.is_dir():
         return []
-    found = sorted(path for path in directory.iterdir() if path.name.startswith(TEMPORARY_PREFIX))
-    for path in found:
+    leftovers = sorted(
+        path for path in directory.iterdir() if path.name.startswith(TEMPORARY_PREFIX)
+    )
+    for path in leftovers:
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
         else:
             path.unlink(missing_ok=True)
-    return found
+    return leftovers
 
 
 def cannot_write(path: Path, error: Exception, needed: int | None = None) -> UserError:

@@ -226,5 +226,5 @@ def _step_path(directory: Path, step: int) -> Path:
     return Path(directory) / str(step)
 
 
-def _shown(found: list[int]) -> str:
-    return ", ".join(map(str, found[-10:])) or "none"
+def _shown(numbers: list[int]) -> str:
+    return ", ".join(map(str, numbers[-10:])) or "none"

@@ -50,9 +50,9 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
-def plain_value(one: Any) -> Value:
+def plain_value(value: Any) -> Value:
     """A NumPy scalar as Python's; what is none, as it is."""
-    return one.item() if isinstance(one, np.generic) else one
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _csv_cell(value: Value) -> Value:
@@ -67,5 +67,5 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -85,7 +85,7 @@ def policy_mean(learn: LearnConfig, policy: Policy, observation: jax.Array) -> j
     observations [N, 35].
     """
     if policy.log_std.ndim > 1:
-        return jax.vmap(lambda one, seen: policy_mean(learn, one, seen))(policy, observation)
+        return jax.vmap(lambda single, seen: policy_mean(learn, single, seen))(policy, observation)
     return forward(policy.network, scaled(learn, policy.observation_scaler, observation))
 
 

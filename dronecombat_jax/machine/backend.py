@@ -151,14 +151,14 @@ def _platforms(device: str) -> str | None:
     """The value of JAX_PLATFORMS for `device`; None to leave it alone."""
     if device not in PLUGINS:
         return "cpu" if device == "cpu" else None
-    found = [name for name in PLUGINS[device] if find_spec(name)]
-    if not found:
+    plugins = [name for name in PLUGINS[device] if find_spec(name)]
+    if not plugins:
         extra = "cuda12" if device == "gpu" else "tpu"
         raise UserError(
             f"device {device}: this JAX cannot drive one (no {' or '.join(PLUGINS[device])}). "
             f"Fix: pip install 'jax[{extra}]=={metadata.version('jax')}', or --run.device cpu"
         )
-    kind = "tpu" if device == "tpu" else "rocm" if "rocm" in found[0] else "cuda"
+    kind = "tpu" if device == "tpu" else "rocm" if "rocm" in plugins[0] else "cuda"
     return f"{kind},cpu"
 
 

@@ -162,11 +162,11 @@ def _misfit(tensors: dict[str, np.ndarray], sizes: tuple[int, ...]) -> str:
     }
     spelt = lambda dtype, shape: f"{dtype}[{','.join(map(str, shape))}]"
     wanted = {name: spelt("float32", shape) for name, shape in expected.items()}
-    there = {name: spelt(array.dtype.name, array.shape) for name, array in tensors.items()}
+    given = {name: spelt(array.dtype.name, array.shape) for name, array in tensors.items()}
     wrong = [
-        f"{name}: expected {wanted.get(name, 'nothing')}, got {there.get(name, 'nothing')}"
-        for name in [*wanted, *sorted(there.keys() - wanted.keys())]
-        if wanted.get(name) != there.get(name)
+        f"{name}: expected {wanted.get(name, 'nothing')}, got {given.get(name, 'nothing')}"
+        for name in [*wanted, *sorted(given.keys() - wanted.keys())]
+        if wanted.get(name) != given.get(name)
     ]
     more = f"; and {len(wrong) - _MAX_NAMED} more" if len(wrong) > _MAX_NAMED else ""
     return (

@@ -37,11 +37,12 @@ class Card(NamedTuple):
 
 def names() -> list[str]:
     """Names of all shipped pilots, in order of method, side and chunk."""
-    found = [
+    matches = [
         match for path in FOLDER.glob("*.safetensors") if (match := _NAME.fullmatch(path.stem))
     ]
     return [
-        match[0] for match in sorted(found, key=lambda match: (*match.groups()[:2], int(match[3])))
+        match[0]
+        for match in sorted(matches, key=lambda match: (*match.groups()[:2], int(match[3])))
     ]
 
 

@@ -29,9 +29,12 @@ PANELS = {  # field of `Flown`: heading, unit
 
 def flight_over_time(flown: Sequence[Flown]) -> Figure:
     """Six quantities over training; each run's two sides of one chunk against each other."""
-    methods = list(dict.fromkeys(one.method for one in flown))
-    seeds = {method: len({one.run for one in flown if one.method == method}) for method in methods}
-    fights = sum(one.fights for one in flown)
+    methods = list(dict.fromkeys(flight.method for flight in flown))
+    seeds = {
+        method: len({flight.run for flight in flown if flight.method == method})
+        for method in methods
+    }
+    fights = sum(flight.fights for flight in flown)
     foot = (
         "Each run's defender against its own attacker of the same chunk. Mean over the recorded fights, then over seeds, "
         "at chunks that all seeds have; band: one standard deviation over seeds. Black: of both sides together. "
@@ -41,7 +44,7 @@ def flight_over_time(flown: Sequence[Flown]) -> Figure:
     figure, axes = sheet(2, 3, (5.0, 3.5), "How they fly, over training", foot)
     for ax, (field, (heading, unit)) in zip([*axes[0], *axes[1]], PANELS.items(), strict=True):
         for method, style in zip(methods, STYLES * len(methods), strict=False):
-            mine = [one for one in flown if one.method == method]
+            mine = [flight for flight in flown if flight.method == method]
             for label, values in _lines(mine, field):
                 _draw(ax, mine, values, style, label, f"{name(method)}: {label}")
         ax.set_title(heading, fontsize=11)
@@ -58,10 +61,10 @@ def flight_table(flown: Sequence[Flown]) -> Table:
     pairs = [field for field in Flown._fields if field not in columns]
     rows = tuple(
         (
-            *(plain_value(getattr(one, field)) for field in columns),
-            *(getattr(one, field)[role] for field in pairs for role in range(len(SIDES))),
+            *(plain_value(getattr(flight, field)) for field in columns),
+            *(getattr(flight, field)[role] for field in pairs for role in range(len(SIDES))),
         )
-        for one in flown
+        for flight in flown
     )
     about = (
         "Each run's defender against its own attacker of the same chunk; means over the recorded fights. Time in s, speed in "
@@ -73,7 +76,7 @@ def flight_table(flown: Sequence[Flown]) -> Table:
 
 def _lines(flown: Sequence[Flown], field: str) -> list[tuple[str, list[float]]]:
     """Label and values of each line of a panel."""
-    values = [getattr(one, field) for one in flown]
+    values = [getattr(flight, field) for flight in flown]
     if isinstance(values[0], tuple):
         return [(role, [value[i] for value in values]) for i, role in enumerate(SIDES)]
     scale = 180.0 / np.pi if field == "approach_angle" else 1.0
@@ -84,15 +87,15 @@ def _draw(
     ax: Axes, flown: Sequence[Flown], values: Sequence[float], style: str, label: str, legend: str
 ) -> None:
     steps, table = _by_seed(flown, values)
-    there = common(table)
-    mean, spread, _ = mean_and_spread(table[:, there])
+    whole = common(table)
+    mean, spread, _ = mean_and_spread(table[:, whole])
     colour = ROLE_COLOURS.get(label, "#222222")
     ax.fill_between(
-        steps[there], mean - spread, mean + spread, color=colour, alpha=0.13, linewidth=0
+        steps[whole], mean - spread, mean + spread, color=colour, alpha=0.13, linewidth=0
     )
-    marker = "o" if there.sum() < 30 else None
+    marker = "o" if whole.sum() < 30 else None
     ax.plot(
-        steps[there],
+        steps[whole],
         mean,
         style,
         color=colour,
@@ -105,8 +108,11 @@ def _draw(
 
 def _by_seed(flown: Sequence[Flown], values: Sequence[float]) -> tuple[NDArray, NDArray]:
     """Steps [T] and the values [S, T]; NaN where a seed has none."""
-    runs, steps = sorted({one.run for one in flown}), sorted({one.steps for one in flown})
+    runs, steps = (
+        sorted({flight.run for flight in flown}),
+        sorted({flight.steps for flight in flown}),
+    )
     table = np.full((len(runs), len(steps)), np.nan)
-    for one, value in zip(flown, values, strict=True):
-        table[runs.index(one.run), steps.index(one.steps)] = value
+    for flight, value in zip(flown, values, strict=True):
+        table[runs.index(flight.run), steps.index(flight.steps)] = value
     return np.asarray(steps), table

@@ -72,12 +72,12 @@ def score_map(study: Study) -> Figure:
     figure.colorbar(image, ax=ax, label="defender's mean score", shrink=0.8)
     for side, order, axis in ((result.defenders, rows, 0), (result.attackers, columns, 1)):
         pilots = "pilots" if len(side) > MOST_NAMED else ""
-        groups = [side[one].lineage or pilots or side[one].label for one in order]
+        groups = [side[index].lineage or pilots or side[index].label for index in order]
         starts = [i for i, group in enumerate(groups) if i == 0 or group != groups[i - 1]]
         middles = (np.asarray(starts) + np.asarray([*starts[1:], len(groups)]) - 1) / 2
         keep = slice(None, None, -(-len(starts) // 30))
-        told = [name(groups[start], 24) for start in starts]
-        (ax.set_xticks if axis else ax.set_yticks)(middles[keep], told[keep], fontsize=8)
+        labels = [name(groups[start], 24) for start in starts]
+        (ax.set_xticks if axis else ax.set_yticks)(middles[keep], labels[keep], fontsize=8)
         for start in starts[1:]:
             (ax.axvline if axis else ax.axhline)(start - 0.5, color="#333333", linewidth=0.6)
     ax.tick_params(axis="x", rotation=45 if len(columns) > 1 else 0)
@@ -141,11 +141,11 @@ def _image(
 
 
 def _label(ax: Axes, defenders: Sequence[int], attackers: Sequence[int]) -> None:
-    told = lambda steps: EngFormatter(sep=" ")(float(f"{steps:.3g}"))
+    spelt = lambda steps: EngFormatter(sep=" ")(float(f"{steps:.3g}"))
     every = -(-len(attackers) // MOST_TICKS)
     places = np.arange(len(attackers))[::-1][::every][::-1]  # the last one is named
-    ax.set_xticks(places, [told(attackers[place]) for place in places])
-    ax.set_yticks(range(len(defenders)), [told(steps) for steps in defenders])
+    ax.set_xticks(places, [spelt(attackers[place]) for place in places])
+    ax.set_yticks(range(len(defenders)), [spelt(steps) for steps in defenders])
     ax.set_xlabel("attacker: environment steps trained")
     ax.set_ylabel("defender: environment steps trained")
 

@@ -86,7 +86,7 @@ def pairs_of(study: Study, panel: Panel, run: str) -> NDArray[np.int32]:
 def areas(figure: Figure) -> list[Area]:
     """Where the cells of the maps of a figure that was laid out are; maps count from the left."""
     width, height = figure.get_size_inches() * figure.dpi
-    found = []
+    regions = []
     maps = [ax for ax in figure.axes if ax.images and ax.get_label() != "<colorbar>"]
     for number, ax in enumerate(maps):
         rows, columns = np.shape(ax.images[0].get_array())
@@ -95,5 +95,5 @@ def areas(figure: Figure) -> list[Area]:
             (left, upper), (right, lower) = ax.transData.transform(corners)
             box = (left / width, 1 - upper / height)
             size = ((right - left) / width, (upper - lower) / height)
-            found.append(Area((number, row, column), *box, *size))
-    return found
+            regions.append(Area((number, row, column), *box, *size))
+    return regions

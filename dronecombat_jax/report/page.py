@@ -100,32 +100,32 @@ def files_of(picture: Picture) -> tuple[Path, Path]:
     return Path("figures") / f"{picture.name}.png", Path("figures") / f"{picture.name}.pdf"
 
 
-def _picture(one: Picture) -> str:
-    data = base64.b64encode(one.png).decode()
+def _picture(picture: Picture) -> str:
+    data = base64.b64encode(picture.png).decode()
     return (
-        f'<h2 id="{escape(one.name)}">{_text(one.heading)}</h2>\n<figure><div class="picture"><img alt="{_text(one.heading)}" '
-        f'src="data:image/png;base64,{data}">{one.links}</div>\n<figcaption><p>{_text(one.about)} '
-        f"Files: {_text(' and '.join(map(str, files_of(one))))}.</p></figcaption></figure>"
+        f'<h2 id="{escape(picture.name)}">{_text(picture.heading)}</h2>\n<figure><div class="picture"><img alt="{_text(picture.heading)}" '
+        f'src="data:image/png;base64,{data}">{picture.links}</div>\n<figcaption><p>{_text(picture.about)} '
+        f"Files: {_text(' and '.join(map(str, files_of(picture))))}.</p></figcaption></figure>"
     )
 
 
-def _table(one: Table) -> str:
-    text = [any(isinstance(row[i], str) for row in one.rows) for i in range(len(one.columns))]
+def _table(table: Table) -> str:
+    text = [any(isinstance(row[i], str) for row in table.rows) for i in range(len(table.columns))]
     kind = [' class="text"' if is_text else "" for is_text in text]
     head = "".join(
         f"<th{k}>{_text(name.replace('_', ' '))}</th>"
-        for name, k in zip(one.columns, kind, strict=True)
+        for name, k in zip(table.columns, kind, strict=True)
     )
     rows = "\n".join(
         "<tr>"
         + "".join(f"<td{k}>{_cell(value)}</td>" for value, k in zip(row, kind, strict=True))
         + "</tr>"
-        for row in one.rows[:MOST_ROWS]
+        for row in table.rows[:MOST_ROWS]
     )
-    cut = f" (the first {MOST_ROWS} of {len(one.rows)})" if len(one.rows) > MOST_ROWS else ""
+    cut = f" (the first {MOST_ROWS} of {len(table.rows)})" if len(table.rows) > MOST_ROWS else ""
     return (
-        f"<details><summary>{_text(one.name.replace('_', ' '))}{cut}</summary>\n<p>{_text(one.about)} "
-        f"Files: tables/{_text(one.name)}.csv, tables/{_text(one.name)}.json.</p>\n"
+        f"<details><summary>{_text(table.name.replace('_', ' '))}{cut}</summary>\n<p>{_text(table.about)} "
+        f"Files: tables/{_text(table.name)}.csv, tables/{_text(table.name)}.json.</p>\n"
         f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table></div></details>'
     )
 

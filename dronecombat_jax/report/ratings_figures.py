@@ -60,8 +60,8 @@ def elo_over_time(study: Study) -> Figure:
             most = max(most, int(np.isfinite(line.values).any(axis=1).sum()))
             colour = ROLE_COLOURS[role]
             for seed in line.values:
-                there = np.isfinite(seed)
-                ax.plot(line.steps[there], seed[there], color=colour, linewidth=0.7, alpha=0.45)
+                known = np.isfinite(seed)
+                ax.plot(line.steps[known], seed[known], color=colour, linewidth=0.7, alpha=0.45)
             all_of_them = common(line.values)
             steps, mean, spread = line.steps[all_of_them], mean[all_of_them], spread[all_of_them]
             ax.fill_between(
@@ -143,12 +143,12 @@ def finals(study: Study) -> Figure:
     size = (7.0, 1.6 + 0.3 * min(max(map(len, chosen)), MOST_ROWS))
     figure, axes = sheet(1, 2, size, "Final policies and scripted pilots", foot, sharex=True)
     for ax, role, members in zip(axes[0], SIDES, chosen, strict=True):
-        order = sorted(members, key=lambda one: np.nan_to_num(rated.rating[one], nan=-np.inf))[
+        order = sorted(members, key=lambda index: np.nan_to_num(rated.rating[index], nan=-np.inf))[
             -MOST_ROWS:
         ]
         ax.set_xlim(*limits)
-        for row, one in enumerate(order):
-            if np.isnan(rated.rating[one]):
+        for row, index in enumerate(order):
+            if np.isnan(rated.rating[index]):
                 ax.text(
                     float(np.mean(limits)),
                     row,
@@ -159,18 +159,22 @@ def finals(study: Study) -> Figure:
                     fontsize=8.5,
                 )
                 continue
-            _interval(ax, row + 0.12, rated.low[one], rated.high[one], limits, ROLE_COLOURS[role])
-            ax.plot(rated.rating[one], row + 0.12, "o", color=ROLE_COLOURS[role], markersize=5)
-            ax.hlines(row - 0.2, elo.low[one], elo.high[one], color="#777777", linewidth=1.4)
+            _interval(
+                ax, row + 0.12, rated.low[index], rated.high[index], limits, ROLE_COLOURS[role]
+            )
+            ax.plot(rated.rating[index], row + 0.12, "o", color=ROLE_COLOURS[role], markersize=5)
+            ax.hlines(row - 0.2, elo.low[index], elo.high[index], color="#777777", linewidth=1.4)
             ax.plot(
-                elo.rating[one],
+                elo.rating[index],
                 row - 0.2,
                 "s",
                 color="#777777",
                 markerfacecolor="white",
                 markersize=4,
             )
-        ax.set_yticks(range(len(order)), [name(members[one], 36) for one in order], fontsize=8.5)
+        ax.set_yticks(
+            range(len(order)), [name(members[index], 36) for index in order], fontsize=8.5
+        )
         ax.set_ylim(-0.7, len(order) - 0.3)
         cut_off = f" (the best {MOST_ROWS} of {len(members)})" if len(members) > len(order) else ""
         ax.set_title(f"{role}s{cut_off}", fontsize=12)
@@ -199,14 +203,14 @@ def _last(entrants: Sequence[Entrant]) -> dict[int, str]:
 def _band(
     ax: Axes, steps: NDArray, rating: NDArray, low: NDArray, high: NDArray, role: str
 ) -> None:
-    there = np.isfinite(rating)
-    if not there.any():
+    known = np.isfinite(rating)
+    if not known.any():
         return
-    steps, colour = steps[there], ROLE_COLOURS[role]
-    low, high = np.maximum(low[there], -1e5), np.minimum(high[there], 1e5)
+    steps, colour = steps[known], ROLE_COLOURS[role]
+    low, high = np.maximum(low[known], -1e5), np.minimum(high[known], 1e5)
     ax.plot(
         steps,
-        rating[there],
+        rating[known],
         color=colour,
         linewidth=1.2,
         label=role,

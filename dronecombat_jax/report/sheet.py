@@ -75,8 +75,8 @@ def own_cells(result: TournamentResult) -> NDArray[np.bool_]:
 
 
 def _seeds(result: TournamentResult) -> str:
-    told = ", ".join(f"{name(method)} {count}" for method, count in seeds_of(result).items())
-    return f"Training seeds: {told or 'none'}."
+    counts = ", ".join(f"{name(method)} {count}" for method, count in seeds_of(result).items())
+    return f"Training seeds: {counts or 'none'}."
 
 
 def name(text: str, most: int = 32) -> str:
@@ -92,32 +92,32 @@ def timelines_of(
 
     An entrant that was saved again and again has its value at each of these times.
     """
-    found: dict[str, Timeline] = {}
+    lines: dict[str, Timeline] = {}
     for method in methods:
         mine = [
             (entrant.lineage, entrant.steps, i)
             for i, entrant in showings(entrants)
             if entrant.lineage and entrant.method == method
         ]
-        lineages, steps = sorted({one[0] for one in mine}), sorted({one[1] for one in mine})
+        lineages, steps = sorted({key[0] for key in mine}), sorted({key[1] for key in mine})
         table = np.full((len(lineages), len(steps)), np.nan)
         for lineage, step, index in mine:
             own = values.get(lineage) if isinstance(values, Mapping) else values
             table[lineages.index(lineage), steps.index(step)] = (
                 np.nan if own is None else own[index]
             )
-        found[method] = Timeline(tuple(lineages), np.asarray(steps, int), table)
-    return found
+        lines[method] = Timeline(tuple(lineages), np.asarray(steps, int), table)
+    return lines
 
 
 def mean_and_spread(values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Mean, standard deviation (ddof 1, NaN for fewer than two) and number of the finite ones in
     each column.
     """
-    there = np.isfinite(values)
-    count = there.sum(axis=0)
-    mean = np.where(there, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
-    squares = np.where(there, (values - mean) ** 2, 0.0).sum(axis=0)
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    mean = np.where(known, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
+    squares = np.where(known, (values - mean) ** 2, 0.0).sum(axis=0)
     return mean, np.sqrt(squares / np.where(count > 1, count - 1, np.nan)), count
 
 
@@ -125,8 +125,8 @@ def common(values: NDArray) -> NDArray[np.bool_]:
     """Which columns of `values` [S, T] all seeds have that have any: elsewhere a mean would jump
     from seed to seed.
     """
-    there = np.isfinite(values)
-    return there.sum(axis=0) == max(int(there.any(axis=1).sum()), 1)
+    known = np.isfinite(values)
+    return known.sum(axis=0) == max(int(known.any(axis=1).sum()), 1)
 
 
 def time_axis(ax: Axes, label: str = "environment steps trained") -> None:

@@ -23,9 +23,13 @@ from dronecombat_jax.types import SIDES, Cause
 
 NO_MAP = "no run played its own attackers"
 SUMMARIES = {  # heading: of one run's memory
-    "backward transfer\n(final minus then,\nown past)": lambda one: one.defender.backward_transfer,
-    "worst case against\nthe own past,\nminus 1/2": lambda one: one.defender.final_worst - 0.5,
-    "home minus away\n(own attackers\nminus others')": lambda one: one.home - one.away,
+    "backward transfer\n(final minus then,\nown past)": lambda memory: (
+        memory.defender.backward_transfer
+    ),
+    "worst case against\nthe own past,\nminus 1/2": lambda memory: (
+        memory.defender.final_worst - 0.5
+    ),
+    "home minus away\n(own attackers\nminus others')": lambda memory: memory.home - memory.away,
 }
 
 
@@ -40,8 +44,8 @@ def forgetting_profile(study: Study) -> Figure:
     colour = colours(study.methods)
     for ax, role in zip(axes[0], SIDES, strict=False):
         for method in study.methods:
-            told = [getattr(memory, role) for memory in _memories(study, method)]
-            _profile(ax, told, colour[method], f"{name(method)} ({len(told)})")
+            profiles = [getattr(memory, role) for memory in _memories(study, method)]
+            _profile(ax, profiles, colour[method], f"{name(method)} ({len(profiles)})")
         ax.axhline(0.5, color="#777777", linewidth=0.8, linestyle=":")
         ax.axvline(0.0, color="#777777", linewidth=0.8, linestyle=":")
         ax.set_title(f"{role}s", fontsize=12)
@@ -70,16 +74,16 @@ def outcomes_over_time(study: Study) -> Figure:
     )
     handles: dict = {}
     for row, method in zip(axes, study.methods, strict=False):
-        for ax, role, told in zip(row, SIDES, study.endings, strict=True):
+        for ax, role, endings in zip(row, SIDES, study.endings, strict=True):
             side = (study.result.defenders, study.result.attackers)[SIDES.index(role)]
             lines = {
-                cause: timelines_of(side, told.share[:, cause], [method])[method]
+                cause: timelines_of(side, endings.share[:, cause], [method])[method]
                 for cause in Cause
                 if cause
             }
-            one = lines[Cause.INTERCEPT]
-            kept = common(one.values)
-            if not np.isfinite(one.values).any() or not kept.any():
+            intercepted = lines[Cause.INTERCEPT]
+            kept = common(intercepted.values)
+            if not np.isfinite(intercepted.values).any() or not kept.any():
                 nothing(
                     ax,
                     f"no {role} of this method fought, or its seeds have no checkpoint in common",
@@ -89,14 +93,14 @@ def outcomes_over_time(study: Study) -> Figure:
                     f"outcome/{cause.name.lower()}": line.values[:, kept]
                     for cause, line in lines.items()
                 }
-                steps = one.steps[kept]
+                steps = intercepted.steps[kept]
                 draw_outcomes(
-                    ax, Curves(list(range(len(one.lineages))), steps, values), legend=False
+                    ax, Curves(list(range(len(intercepted.lineages))), steps, values), legend=False
                 )
                 if len(steps) > 1:
                     ax.set_xlim(steps[0], steps[-1])
                 handles |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-            seeds = int(np.isfinite(one.values).any(axis=1).sum())
+            seeds = int(np.isfinite(intercepted.values).any(axis=1).sum())
             ax.set_title(f"{name(method)}: {role}s of {counted(seeds, 'seed')}", fontsize=11)
             ax.set_xlabel(f"environment steps that the {role} trained")
     if not study.methods:
@@ -105,7 +109,7 @@ def outcomes_over_time(study: Study) -> Figure:
     if handles:
         order = [label for label, _ in OUTCOMES.values() if label in handles]
         figure.legend(
-            [handles[one] for one in order],
+            [handles[intercepted] for intercepted in order],
             order,
             loc="outside right upper",
             fontsize=9,
@@ -119,25 +123,25 @@ def _memories(study: Study, method: str) -> list[Memory]:
     return [study.memory[run] for run in runs if run in study.memory]
 
 
-def _profile(ax: Axes, told: list[Forgetting], colour: str, label: str) -> None:
-    if not told:
+def _profile(ax: Axes, memories: list[Forgetting], colour: str, label: str) -> None:
+    if not memories:
         return
-    reach = max(len(one.profile) // 2 for one in told)
-    table = np.full((len(told), 2 * reach + 1), np.nan)
-    for row, one in zip(table, told, strict=True):
-        own = len(one.profile) // 2
-        row[reach - own : reach + own + 1] = one.profile
+    reach = max(len(memory.profile) // 2 for memory in memories)
+    table = np.full((len(memories), 2 * reach + 1), np.nan)
+    for row, memory in zip(table, memories, strict=True):
+        own = len(memory.profile) // 2
+        row[reach - own : reach + own + 1] = memory.profile
     mean, spread, _ = mean_and_spread(table)
-    lag, there = np.arange(-reach, reach + 1), np.isfinite(mean)
+    lag, known = np.arange(-reach, reach + 1), np.isfinite(mean)
     ends = np.clip([mean - spread, mean + spread], 0.0, 1.0)  # no score lies beyond
     ax.fill_between(lag, *ends, color=colour, alpha=0.18, linewidth=0)
     ax.plot(
-        lag[there],
-        mean[there],
+        lag[known],
+        mean[known],
         color=colour,
         linewidth=2.0,
         label=label,
-        marker="o" if there.sum() < 30 else None,
+        marker="o" if known.sum() < 30 else None,
         markersize=3,
     )
 

@@ -81,8 +81,8 @@ def elo_over_time(study: Study) -> Table:
     rows = []
     for role, side, values in own_elo_by_side(study):
         for method, line in timelines_of(side, values, study.methods).items():
-            told = zip(line.steps, *mean_and_spread(line.values), strict=True)
-            rows += [(method, role, *row) for row in told]
+            series = zip(line.steps, *mean_and_spread(line.values), strict=True)
+            rows += [(method, role, *row) for row in series]
     about = "Elo of each run in its own tournament (there the mean over all entrants is 1500); mean over seeds."
     return _table(
         "elo_over_time",
@@ -97,16 +97,16 @@ def maps(study: Study) -> Table:
     rows = []
     for method, members in study.win_maps.items():
         if members:
-            told, chunks = summarise_maps(members), members[0].chunks
-            for i, j in np.argwhere(told.runs > 0):
+            summary, chunks = summarise_maps(members), members[0].chunks
+            for i, j in np.argwhere(summary.runs > 0):
                 rows.append(
                     (
                         method,
                         chunks[i],
                         chunks[j],
-                        told.mean[i, j],
-                        told.variance[i, j],
-                        told.runs[i, j],
+                        summary.mean[i, j],
+                        summary.variance[i, j],
+                        summary.runs[i, j],
                     )
                 )
     columns = [
@@ -174,8 +174,8 @@ def cyclic(study: Study) -> Table:
     rows = []
     for name, item in study.cyclic.items():
         shape = study.cyclic_part[name].played.shape
-        told = (None,) * 6 if item is None else (*item[:5], item.disc_share)
-        rows.append((name, *shape, *told))
+        numbers = (None,) * 6 if item is None else (*item[:5], item.disc_share)
+        rows.append((name, *shape, *numbers))
     columns = "part defenders attackers raw corrected noise noise_95 p_value disc_share"
     return _table(
         "cyclic",
@@ -201,7 +201,7 @@ def endings(study: Study) -> Table:
     """How fights end and how long they last, entrant by entrant."""
     causes = [cause for cause in Cause if cause]
     rows = []
-    for role, side, told in zip(
+    for role, side, ending in zip(
         SIDES, (study.result.defenders, study.result.attackers), study.endings, strict=True
     ):
         for i, entrant in enumerate(side):
@@ -211,9 +211,9 @@ def endings(study: Study) -> Table:
                     entrant.label,
                     entrant.identity,
                     entrant.steps,
-                    told.fights[i],
-                    *told.share[i, causes],
-                    *told.duration[i],
+                    ending.fights[i],
+                    *ending.share[i, causes],
+                    *ending.duration[i],
                 )
             )
     columns = [
@@ -234,7 +234,9 @@ def score_matrix(study: Study) -> str:
     """The defender's mean scores [D, A] as CSV, empty where not played."""
     result = study.result
     rate = score_rate(result)
-    rows = [(one.identity, *values) for one, values in zip(result.defenders, rate, strict=True)]
+    rows = [
+        (entrant.identity, *values) for entrant, values in zip(result.defenders, rate, strict=True)
+    ]
     return to_csv(
         _table(
             "scores", "", ["defender", *(attacker.identity for attacker in result.attackers)], rows
@@ -248,21 +250,21 @@ def _in_part(study: Study) -> tuple[list[float], list[float]]:
         {entrant.identity: i for i, entrant in enumerate(side)}
         for side in (study.nash_part.defenders, study.nash_part.attackers)
     ]
-    found: tuple[list[float], list[float]] = ([], [])
+    parts: tuple[list[float], list[float]] = ([], [])
     sources = (
         None if study.nash is None else (study.nash.defender, study.nash.attacker),
         study.alpha_rank,
     )
     for role, side in enumerate((study.result.defenders, study.result.attackers)):
-        for one in side:
-            place = places[role].get(one.identity)
-            for numbers, source in zip(found, sources, strict=True):
+        for entrant in side:
+            place = places[role].get(entrant.identity)
+            for numbers, source in zip(parts, sources, strict=True):
                 numbers.append(
                     math.nan if place is None or source is None else float(source[role][place])
                 )
-    return found
+    return parts
 
 
 def _table(name: str, about: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
-    made = tuple(tuple(plain_value(one) for one in row) for row in rows)
+    made = tuple(tuple(plain_value(cell) for cell in row) for row in rows)
     return Table(name, about, tuple(columns), made)

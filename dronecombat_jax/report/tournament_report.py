@@ -105,7 +105,7 @@ def write_report(
     `notes`: what the tournament itself says to be missing; `every`: as in `panel.away_panel`;
     `flown`: recorded fights, if there are any; `fights`: makes the page of fights to look at.
     """
-    told = study(result, effort)
+    studied = study(result, effort)
     for folder in (out, out / "tables"):
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -119,38 +119,38 @@ def write_report(
             lambda _: flight_over_time(flown),
             "Behaviour beside outcomes.",
         )
-    clickable, gap = _fights(fights, told, out)
+    clickable, gap = _fights(fights, studied, out)
     written += clickable
     for name, (heading, draw, about) in figures.items():
         path = out / "figures" / f"{name}.png"
-        figure = draw(told)
+        figure = draw(studied)
         save_figure(figure, path)
         picture = Picture(name, heading, about, path.read_bytes())
         if name == "win_rate_map" and clickable:
             picture = with_links(picture, areas(figure))
         pictures.append(picture)
         written += [path, path.with_suffix(".pdf")]
-    made = (*tables(told), *([flight_table(flown)] if flown else []))
+    made = (*tables(studied), *([flight_table(flown)] if flown else []))
     for table in made:
         for suffix, text in ((".csv", to_csv(table)), (".json", to_json(records(table)))):
             written.append(out / "tables" / (table.name + suffix))
             write_atomic(written[-1], text)
     written.append(out / "tables" / "scores.csv")
-    write_atomic(written[-1], score_matrix(told))
-    verdict, gaps = _verdict(result, told, out, every)
+    write_atomic(written[-1], score_matrix(studied))
+    verdict, gaps = _verdict(result, studied, out, every)
     html = page(
-        title, _summary(result), verdict, [*notes, *told.missing, *gaps, *gap], pictures, made
+        title, _summary(result), verdict, [*notes, *studied.missing, *gaps, *gap], pictures, made
     )
     write_atomic(out / "report.html", html)
     return [out / "report.html", *written]
 
 
 def _fights(
-    make: Callable[[Study], str | None], told: Study, out: Path
+    make: Callable[[Study], str | None], studied: Study, out: Path
 ) -> tuple[list[Path], list[str]]:
     """The page of fights, and what keeps it from being made."""
     try:
-        text = make(told)
+        text = make(studied)
     except UserError as error:
         reason = one_line(error.message.splitlines()[0])
         return [], [f"No cell of the win-rate map can be clicked: {reason}."]
@@ -161,17 +161,17 @@ def _fights(
 
 
 def _verdict(
-    result: TournamentResult, told: Study, out: Path, every: int
+    result: TournamentResult, studied: Study, out: Path, every: int
 ) -> tuple[tuple[list[str], str], list[str]]:
     """The comparison of methods in sentences and numbers, or what keeps it from being made."""
-    if len(told.methods) < 2:
+    if len(studied.methods) < 2:
         return ([], ""), []
     try:
         verdict = judge(result, every=every)
     except UserError as error:
         return ([], ""), [f"No comparison of methods: {error.message}."]
     write_atomic(out / "tables" / "comparison.json", to_json(verdict_json(verdict)))
-    cells = [map_tests.told(map_test) for map_test in map_tests.map_tests(told.win_maps)]
+    cells = [map_tests.summary(map_test) for map_test in map_tests.map_tests(studied.win_maps)]
     return (
         [answer.sentence for answer in verdict.answers],
         "\n\n".join([verdict_text(verdict), *cells]),

@@ -133,10 +133,10 @@ def met(config: Config, selfplay: SelfPlay | None, seed_index: int, chunk: int) 
     frozen = int(selfplay.frozen[seed_index])
     if frozen >= 0:
         slots = np.asarray(selfplay.opponent[seed_index])
-        one = config.selfplay.scope == "chunk"
+        whole_chunk = config.selfplay.scope == "chunk"
         record = {
             "frozen": SIDES[frozen],
-            "opponent": int(slots[0]) if one else float(slots.mean()),
+            "opponent": int(slots[0]) if whole_chunk else float(slots.mean()),
             "opponents": len(np.unique(slots)),
         }
     for role, pool in zip(SIDES, selfplay.pools, strict=True):

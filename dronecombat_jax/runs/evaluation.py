@@ -139,12 +139,12 @@ def evaluate(
     own_fights = run.config.run.evaluation_fights if own_fights is None else own_fights
     match = match._replace(fights=match.fights or own_fights)
     if changed := environment_diff(run.met, environment(run.config, run.combat.scene)):
-        told = "; ".join(changed)
-        print(f"note: trained in another environment than the one here: {told}", flush=True)
+        differences = "; ".join(changed)
+        print(f"note: trained in another environment than the one here: {differences}", flush=True)
     steps = run.iteration * run.config.steps_per_iteration
-    told = match._asdict().items()
+    differences = match._asdict().items()
     written = lambda name, value: value != "" and name not in ("fights", "seed")
-    options = {name: value for name, value in told if written(name, value)}
+    options = {name: value for name, value in differences if written(name, value)}
     results = []
     for index in range(run.config.train.num_seeds):
         result = summary(run.config, play(run, index, match))

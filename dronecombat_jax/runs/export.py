@@ -91,9 +91,9 @@ def _seed_index(run: SavedRun, directory: RunDirectory, seed: int | None) -> int
     if seed is None and count == 1:
         return 0
     if seed is None or not first <= seed < first + count:
-        there = f"seed {first} alone" if count == 1 else f"seeds {first} to {first + count - 1}"
+        present = f"seed {first} alone" if count == 1 else f"seeds {first} to {first + count - 1}"
         asked = "choose one with --seed" if seed is None else f"not --seed {seed}"
-        raise UserError(f"{directory.path} has {there}: {asked}", EXIT_CONFIG)
+        raise UserError(f"{directory.path} has {present}: {asked}", EXIT_CONFIG)
     return seed - first
 
 

@@ -125,9 +125,9 @@ def _read(path: Path) -> bytearray | None:
     """
     try:
         head, _, content = path.read_bytes().partition(b"\n")
-        told = json.loads(head)
-        if told["sha256"] == hashlib.sha256(content).hexdigest() and all(
-            _stamp(file) == stamp for file, *stamp in told["made_from"]
+        header = json.loads(head)
+        if header["sha256"] == hashlib.sha256(content).hexdigest() and all(
+            _stamp(file) == stamp for file, *stamp in header["made_from"]
         ):
             return bytearray(content)
     except (OSError, ValueError, KeyError, TypeError):
@@ -162,10 +162,10 @@ def _files(config: Config) -> Iterator[str]:
 def _stamp(file: str) -> list[int] | None:
     """Size in bytes and time of the last change in ns; None where there is no such file."""
     try:
-        found = os.stat(file)
+        status = os.stat(file)
     except OSError:
         return None
-    return [found.st_size, found.st_mtime_ns]
+    return [status.st_size, status.st_mtime_ns]
 
 
 @functools.cache

@@ -94,17 +94,17 @@ def seed_devices(config: Config) -> "jax.sharding.Mesh | None":
 
     from dronecombat_jax.selfplay.mesh import device_mesh
 
-    wanted, there = config.run.devices, jax.device_count()
-    if wanted > there:
-        raise UserError(f"run.devices = {wanted}: there are {there}", EXIT_CONFIG)
+    wanted, available = config.run.devices, jax.device_count()
+    if wanted > available:
+        raise UserError(f"run.devices = {wanted}: there are {available}", EXIT_CONFIG)
     if processes.count() > 1:
-        if wanted not in (0, there):
+        if wanted not in (0, available):
             raise UserError(
-                f"run.devices = {wanted}: the processes have {there}, all of which must take part",
+                f"run.devices = {wanted}: the processes have {available}, all of which must take part",
                 EXIT_CONFIG,
             )
-        wanted = there
-        if uneven := devices.uneven_devices(config, there):
+        wanted = available
+        if uneven := devices.uneven_devices(config, available):
             raise UserError(uneven, EXIT_CONFIG)
-    seeds, environments = devices.mesh_shape(config.train.num_seeds, wanted, there)
+    seeds, environments = devices.mesh_shape(config.train.num_seeds, wanted, available)
     return device_mesh(seeds, environments) if seeds * environments > 1 else None

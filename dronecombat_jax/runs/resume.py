@@ -247,10 +247,10 @@ def _refuse_lost(run: RunDirectory) -> None:
     unusable = [str(step) for step in checkpoint.steps(run.checkpoints)]
     if not aside and not unusable and not _has_records(run.metrics):
         return  # nothing but what a run leaves that was killed before its first checkpoint
-    found = [f"{', '.join(unusable[:5])} cannot be used"] if unusable else []
-    found += [f"the damaged ones were set aside as {', '.join(aside[:5])}"] if aside else []
+    reasons = [f"{', '.join(unusable[:5])} cannot be used"] if unusable else []
+    reasons += [f"the damaged ones were set aside as {', '.join(aside[:5])}"] if aside else []
     raise UserError(
-        f"{run.checkpoints}: no checkpoint to go on from ({'; '.join(found) or 'they are gone'}); nothing else was touched. "
+        f"{run.checkpoints}: no checkpoint to go on from ({'; '.join(reasons) or 'they are gone'}); nothing else was touched. "
         f"To start anew choose another --name, or move {run.path} away",
         EXIT_DATA,
     )

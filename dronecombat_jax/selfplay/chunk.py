@@ -33,6 +33,7 @@ from dronecombat_jax.selfplay.pool import (
     players,
     save_players,
 )
+from dronecombat_jax.selfplay.samplers import GRADES
 from dronecombat_jax.types import (
     DEFENDER,
     NUM_SIDES,
@@ -116,14 +117,14 @@ def build_flight(
 
 def _for_all_seeds(
     config: Config,
-    one: Callable[[TrainState], tuple[TrainState, Any]],
+    single: Callable[[TrainState], tuple[TrainState, Any]],
     iterations: int,
     mesh: jax.sharding.Mesh | None,
 ) -> Callable[[TrainState], tuple[TrainState, Any]]:
     """`one` iteration of one seed, `iterations` times for every seed [S, ...]."""
 
     def one_seed(state: TrainState) -> tuple[TrainState, Any]:
-        return jax.lax.scan(lambda state, _: one(state), state, None, length=iterations)
+        return jax.lax.scan(lambda state, _: single(state), state, None, length=iterations)
 
     at_once = config.run.seeds_at_once or (
         1 if jax.default_backend() == "cpu" else config.train.num_seeds
@@ -155,7 +156,10 @@ def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, It
     if selfplay is not None:
         outcomes = jnp.asarray(outcome_table(config.game))[rollout.cause]
         together = jnp.arange(num_envs) >= config.solo_envs
-        selfplay = count_wins(selfplay, outcomes, tally.counted(at_each_step, rollout) & together)
+        counted = tally.counted(at_each_step, rollout) & together
+        rho = 1.0 - rollout.clock / config.game.episode_steps
+        grade = GRADES[config.selfplay.record]
+        selfplay = count_wins(selfplay, outcomes, counted, rho, grade)
     rollout, at_each_step = without(config.solo_envs, (rollout, at_each_step))
     metrics = summarize(config, rollout, at_each_step, updates, selfplay)
     state = state.replace(learners=learners, env=env, flown=flown, selfplay=selfplay)

@@ -15,7 +15,7 @@ from dronecombat_jax.config.fields import Config, SelfPlayConfig
 from dronecombat_jax.config.own import chosen
 from dronecombat_jax.learn.algorithms import Learners, algorithm_of
 from dronecombat_jax.learn.rollout import Policies, select
-from dronecombat_jax.selfplay.samplers import SAMPLERS, Members
+from dronecombat_jax.selfplay.samplers import GRADES, SAMPLERS, Grade, Members
 from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
@@ -82,8 +82,8 @@ def member(pool: Pool, slots: jax.Array) -> Policy:
 
 
 def win_rates(pool: Pool) -> jax.Array:
-    """[K] share of wins of the live learner against each member, shrunk towards 1/2 (Laplace's
-    rule).
+    """[K] share of wins of the live learner against each member, or its mean grade
+    (`selfplay.record`), shrunk towards 1/2 (Laplace's rule).
     """
     return (pool.wins + 1.0) / (pool.games + 2.0)
 
@@ -170,11 +170,18 @@ def met(state: SelfPlay | None, num_envs: int) -> jax.Array:
     return jnp.where(state.frozen == NOBODY, NOBODY, NUM_SIDES * state.opponent + state.frozen)
 
 
-def count_wins(state: SelfPlay, outcomes: jax.Array, counted: jax.Array) -> SelfPlay:
+def count_wins(
+    state: SelfPlay,
+    outcomes: jax.Array,
+    counted: jax.Array,
+    rho: jax.Array,
+    grade: Grade = GRADES["win"],
+) -> SelfPlay:
     """Enter the fights that count, where `counted` [T, N], with `outcomes` [T, N] (`Outcome`), into
-    the records.
+    the records, each by its `grade`.
 
-    The present past player must have flown all of them (`tally.counted`).
+    `rho` [T, N]: 1 - t / T of a fight of t control steps, at most T. The present past player must
+    have flown all of them (`tally.counted`).
     """
     pools = []
     for past, pool in enumerate(state.pools):
@@ -182,7 +189,7 @@ def count_wins(state: SelfPlay, outcomes: jax.Array, counted: jax.Array) -> Self
             pools.append(None)
             continue
         lost = Outcome.DEFENDER if past == ATTACKER else Outcome.ATTACKER  # the live player's win
-        score = jnp.where(outcomes == lost, 1.0, jnp.where(outcomes == Outcome.DRAW, 0.5, 0.0))
+        score = grade(outcomes == lost, outcomes == Outcome.DRAW, rho)
         played = counted & (state.frozen == past)
         member = jnp.maximum(state.opponent, 0)
         add = lambda record, counts: record.at[member].add(jnp.sum(counts, axis=0))  # noqa: B023 - used at once

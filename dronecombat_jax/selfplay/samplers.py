@@ -1,4 +1,4 @@
-"""Which past opponent to meet: one small pure function for each sampler.
+"""Which past opponent to meet, and what a fight against one is worth in the records: small pure functions.
 
 A sampler gives every member of the pool a weight; the pool draws in proportion to it (`pool.draw`).
 To add one, write a function here, name it in `SAMPLERS` and among the choices of
@@ -19,7 +19,8 @@ class Members(NamedTuple):
 
     slot: jax.Array  # [K] int32: 0, 1, ..., K - 1; the untrained player is slot 0
     filled: jax.Array  # [] int32, slots in use: the newest member is slot filled - 1
-    # [K] x, the live learner's share of wins against each member; 1/2 where they never met
+    # [K] x, the live learner's share of wins against each member, or its mean grade
+    # (`selfplay.record`); 1/2 where they never met
     win_rate: jax.Array
 
 
@@ -59,10 +60,47 @@ def pfsp_variance(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
     return members.win_rate * (1.0 - members.win_rate)
 
 
+def latest_and_hard(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
+    """Half of the draws the newest, half (1 - x)^k among all, the newest included.
+
+    Gavin and Bronz (2026, arXiv 2607.05939), with k = 2 and x graded: `selfplay.record` rho.
+    """
+    filled = members.slot < members.filled
+    hard = jnp.where(filled, pfsp_hard(members, selfplay), 0.0)
+    total = jnp.sum(hard)
+    return latest(members, selfplay) + hard / jnp.where(total > 0.0, total, 1.0)
+
+
 SAMPLERS: dict[str, Sampler] = {
     "uniform": uniform,
     "latest": latest,
     "delta_uniform": delta_uniform,
     "pfsp_hard": pfsp_hard,
     "pfsp_variance": pfsp_variance,
+    "latest_and_hard": latest_and_hard,
 }
+
+# (live learner won, fight drawn, rho = 1 - t / T of a fight of t steps out of at most T) -> its
+# worth to the live learner, from 0 to 1; all of one shape
+Grade = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
+
+
+def win(won: jax.Array, drawn: jax.Array, rho: jax.Array) -> jax.Array:
+    """Whether: 1, a draw 1/2, else 0."""
+    return jnp.where(won, 1.0, jnp.where(drawn, 0.5, 0.0))
+
+
+def rho(won: jax.Array, drawn: jax.Array, rho: jax.Array) -> jax.Array:
+    """How soon: rho where the learner won, else 0 (Gavin and Bronz 2026, arXiv 2607.05939)."""
+    return jnp.where(won, rho, 0.0)
+
+
+def margin(won: jax.Array, drawn: jax.Array, rho: jax.Array) -> jax.Array:
+    """How soon, for either side: (1 + rho) / 2 won, 1/2 drawn, (1 - rho) / 2 lost.
+
+    The two sides' grades add up to 1, so 1/2 is an even opponent, as with `win`.
+    """
+    return jnp.where(won, 0.5 + 0.5 * rho, jnp.where(drawn, 0.5, 0.5 - 0.5 * rho))
+
+
+GRADES: dict[str, Grade] = {"win": win, "rho": rho, "margin": margin}

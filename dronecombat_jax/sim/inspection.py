@@ -36,19 +36,19 @@ def inspect(sim: SimConfig) -> Inspection:
     written = read_written(sim)
     lines = list(_described(sim, written))
     agrees = True
-    found = differences(sim, load_scene(sim), written)
-    for name, drone, difference in zip(DRONES, written.drones, found, strict=True):
+    gaps = differences(sim, load_scene(sim), written)
+    for name, drone, difference in zip(DRONES, written.drones, gaps, strict=True):
         fine, text = _judged(drone, difference)
         agrees = agrees and fine
         lines.append(("side by side", f"{name}, {text}"))
     return Inspection(lines, agrees)
 
 
-def _judged(drone: Drone, found: Difference) -> tuple[bool, str]:
+def _judged(drone: Drone, difference: Difference) -> tuple[bool, str]:
     limit = POSITION + PER_CENTRE * float(np.linalg.norm(drone.centre))
-    fine = found.position < limit and found.rate < RATE
+    fine = difference.position < limit and difference.rate < RATE
     text = (
-        f"{found.flown:.1f} m in one second: {found.position:.1e} m and {found.rate:.1e} rad/s "
+        f"{difference.flown:.1f} m in one second: {difference.position:.1e} m and {difference.rate:.1e} rad/s "
         "from C MuJoCo's `implicit`"
     )
     return fine, text if fine else f"{text}; at most {limit:.2g} m and {RATE:g} rad/s are right"
@@ -57,8 +57,8 @@ def _judged(drone: Drone, found: Difference) -> tuple[bool, str]:
 def _described(sim: SimConfig, written: Written) -> Iterator[tuple[str, str]]:
     flown = written.flown
     same = flown.bodies[0] == flown.bodies[1]
-    one = f"one drone, body {written.own_name}, for defender and attacker"
-    yield "file", f"{written.path}: {'a whole scene' if written.whole else one}"
+    described = f"one drone, body {written.own_name}, for defender and attacker"
+    yield "file", f"{written.path}: {'a whole scene' if written.whole else described}"
     for name, drone in zip(DRONES, written.drones, strict=True):
         if same and name != DRONES[0]:
             continue

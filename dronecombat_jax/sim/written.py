@@ -110,13 +110,13 @@ def _faults(model: Any, roots: set[int], in_fluid: bool) -> Iterator[str]:
     for root in sorted(roots):
         dofs = model.body_dofadr[root] + np.arange(6)
         index = {"jnt": model.body_jntadr[root], "dof": dofs}
-        found = [
+        faults = [
             word
             for word, fields in _JOINT_FORCES.items()
             if any(_acts(model, field, index[field[:3]]) for field in fields)
         ]
-        if found:
-            yield f"the free joint of body {name_of(model, 'body', root)}: {', '.join(found)}"
+        if faults:
+            yield f"the free joint of body {name_of(model, 'body', root)}: {', '.join(faults)}"
         for body in _members(model, root):
             yield from _body_faults(model, body, root, in_fluid)
     for index in range(model.nactuator):

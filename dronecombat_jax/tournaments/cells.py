@@ -78,7 +78,7 @@ def read_cells(
         if shard is None or shard["context"].tobytes() != wanted:
             continue
         rows, columns = (
-            np.asarray([known.get(one.tobytes(), -1) for one in shard[side]], int)
+            np.asarray([known.get(digest.tobytes(), -1) for digest in shard[side]], int)
             for known, side in zip(index, ("defender", "attacker"), strict=True)
         )
         here = (rows >= 0) & (columns >= 0)

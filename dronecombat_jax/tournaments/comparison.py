@@ -54,8 +54,8 @@ def compare(
                 EXIT_CONFIG,
             )
         path = find_tournament(name, root)
-        result, told = as_compared(load_result(path), load_about(path))
-        return _judge(result, path, told.by, told.every, [])
+        result, about = as_compared(load_result(path), load_about(path))
+        return _judge(result, path, about.by, about.every, [])
     paths = [find_run(word) for word in dict.fromkeys(runs)]
     configs = read_configs(paths)
     groups = group(configs, by)
@@ -73,8 +73,8 @@ def compare(
         "allow_mismatch": allow_mismatch,
         "root": root,
     }
-    told = {"by": by, "methods": groups, "panel_every": every}
-    code = tournaments.tournament(words, rules, **options, cells=cells_needed, told=told)
+    about = {"by": by, "methods": groups, "panel_every": every}
+    code = tournaments.tournament(words, rules, **options, cells=cells_needed, about=about)
     if code not in (0, EXIT_TOURNAMENT):
         return code
     folder = run_path(root, name)

@@ -63,7 +63,9 @@ def find(word: str, every: int = 1, untrained: bool = False) -> Found:
         return Found(_scripted(word.removeprefix(SCRIPTED_PREFIX)))
     if word.startswith(shipped.PREFIX):
         files = [_file(path) for path in shipped.paths(word.removeprefix(shipped.PREFIX))]
-        return Found([one for file in files for one in file.contenders], files[0].config)
+        return Found(
+            [contender for file in files for contender in file.contenders], files[0].config
+        )
     if word.endswith(POLICY_SUFFIX) or Path(word).is_file():
         return _file(Path(word))
     return _run(RunDirectory(find_run(word)), every, untrained)
@@ -87,15 +89,15 @@ def _player(policy: Policy, normalize: bool) -> Player:
 
 def _scripted(name: str) -> list[Contender]:
     known = [(role, pilot) for role, pilots in PILOTS.items() for pilot in pilots]
-    chosen = [(role, one) for role, one in known if name in (ALL, one)]
+    chosen = [(role, pilot) for role, pilot in known if name in (ALL, pilot)]
     if not chosen:
         names = "; ".join(f"{SIDES[role]}s: {', '.join(pilots)}" for role, pilots in PILOTS.items())
         raise UserError(
             f"{one_line(SCRIPTED_PREFIX + name)}: no scripted pilot has this name ({names}; or {ALL})"
         )
     return [
-        Contender(role, Entrant(one, one, SCRIPTED, "", -1, -1, 0), Player(one, one), None)
-        for role, one in chosen
+        Contender(role, Entrant(pilot, pilot, SCRIPTED, "", -1, -1, 0), Player(pilot, pilot), None)
+        for role, pilot in chosen
     ]
 
 
@@ -117,13 +119,13 @@ def _config_of(info: PolicyInfo) -> Config:
     """The game of a policy file; what this version does not know is left out, and found by
     `environment_diff`.
     """
-    there = {key: SCHEMA[key] for key in info.environment if key in SCHEMA}
+    entries = {key: SCHEMA[key] for key in info.environment if key in SCHEMA}
     values = {
         key: info.environment[key]
-        for key, entry in there.items()
+        for key, entry in entries.items()
         if not entry.problem(info.environment[key])
     }
-    return build(Config, {key: there[key].normal(value) for key, value in values.items()})
+    return build(Config, {key: entries[key].normal(value) for key, value in values.items()})
 
 
 def _run(run: RunDirectory, every: int, untrained: bool) -> Found:
@@ -165,8 +167,8 @@ def _chosen(run: RunDirectory, config: Config, every: int, untrained: bool) -> l
     saved = [chunk for chunk in saved if chunk > 0 or untrained]
     if not saved:
         return []
-    there = range(saved[0], saved[-1] + 1) if config.run.keep == "all" else saved
-    chunks = [chunk for chunk in there if chunk % every == 0 or chunk == saved[-1]]
+    expected = range(saved[0], saved[-1] + 1) if config.run.keep == "all" else saved
+    chunks = [chunk for chunk in expected if chunk % every == 0 or chunk == saved[-1]]
     return [chunk * chunk_iterations for chunk in chunks]
 
 

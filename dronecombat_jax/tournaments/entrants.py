@@ -57,13 +57,13 @@ def read_field(
     every checkpoint or file that cannot be used (unless `skip_bad`), or every player of another
     game (unless `allow_mismatch`).
     """
-    found, bad = _find_all(words, every, untrained)
+    sources, bad = _find_all(words, every, untrained)
     if bad and not skip_bad:
         raise UserError(
             "\n".join([*bad, "nothing was flown; --skip-bad flies the others"]), EXIT_DATA
         )
-    contenders = [contender for one in found for contender in one.contenders]
-    config = _game(found, mjcf)
+    contenders = [contender for source in sources for contender in source.contenders]
+    config = _game(sources, mjcf)
     if not all(game_of(config).flies):
         raise UserError(
             f"these policies were trained in {config.game.scenario}, where nobody defends: there is no fight",
@@ -82,13 +82,13 @@ def read_field(
     return Field(config, seats, tuple(notices), tuple(bad))
 
 
-def _game(found: list[Found], mjcf: str) -> Config:
+def _game(sources: list[Found], mjcf: str) -> Config:
     """The game of the first whose scene is at hand, else of the first.
 
     A policy file of an own drone says what its MJCF says, not where it is: a run does.
     """
     first: Config | None = None
-    for entry in found:
+    for entry in sources:
         if entry.config is None:
             continue
         sim = entry.config.sim
@@ -103,19 +103,19 @@ def _game(found: list[Found], mjcf: str) -> Config:
 
 def _find_all(words: Sequence[str], every: int, untrained: bool) -> tuple[list[Found], list[str]]:
     """Who was found, and one line for each thing that cannot be used."""
-    found: list[Found] = []
+    sources: list[Found] = []
     bad: list[str] = []
     meaningless: list[str] = []
     for word in dict.fromkeys(words):
         try:
-            found.append(find(word, every, untrained))
+            sources.append(find(word, every, untrained))
         except UserError as error:
             (bad if error.exit_code == EXIT_DATA else meaningless).extend(
                 error.message.splitlines()
             )
     if meaningless:
         raise UserError("\n".join(meaningless), EXIT_CONFIG)
-    return found, bad + [line for one in found for line in one.bad]
+    return sources, bad + [line for source in sources for line in source.bad]
 
 
 def _other_games(contenders: list[Contender], config: Config, allowed: bool) -> list[str]:
@@ -127,17 +127,17 @@ def _other_games(contenders: list[Contender], config: Config, allowed: bool) -> 
         if contender.environment is not None:
             lines = tuple(environment_diff(contender.environment, here))
             groups.setdefault(lines, []).append(contender.entrant.label)
-    told = [
+    faults = [
         f"{_named(tuple(dict.fromkeys(labels)))} trained in another game than the first: {one_line(_named(lines, '; '))}"
         for lines, labels in groups.items()
         if lines
     ]
-    if told and not allowed:
+    if faults and not allowed:
         own = any(line.startswith(SCENE) for lines in groups for line in lines)
         hint = "dronecombat tournament --mjcf FILE names the MJCF that they were trained with"
         allowing = "--allow-env-mismatch lets them fly in the first one's game"
-        raise UserError("\n".join([*told, *([hint] if own else []), allowing]), EXIT_DATA)
-    return told
+        raise UserError("\n".join([*faults, *([hint] if own else []), allowing]), EXIT_DATA)
+    return faults
 
 
 def _refuse_two_of_a_name(contenders: list[Contender]) -> None:
@@ -156,16 +156,16 @@ def _refuse_two_of_a_name(contenders: list[Contender]) -> None:
 
 def _saved_again(role: int, side: list[Seat]) -> list[str]:
     """What is to be said of players of the same content."""
-    told = [
+    lines = [
         f"{SIDES[role]} {seat.entrant.label} is also {_named(seat.also)}"
         for seat in side
         if seat.also
     ]
-    if len(told) > _MAX_NAMED:
+    if len(lines) > _MAX_NAMED:
         return [
-            f"{len(told)} {SIDES[role]}s were saved more than once (such as {told[0]}): flown once each"
+            f"{len(lines)} {SIDES[role]}s were saved more than once (such as {lines[0]}): flown once each"
         ]
-    return [f"{one}: flown once" for one in told]
+    return [f"{line}: flown once" for line in lines]
 
 
 def _seats(contenders: list[Contender], role: int) -> list[Seat]:
@@ -184,10 +184,18 @@ def _seats(contenders: list[Contender], role: int) -> list[Seat]:
 def _seat(same: list[Contender]) -> Seat:
     """One place for contenders of the same content."""
     # else in the order named
-    first, *others = sorted(same, key=lambda one: one.entrant.method == EXPORTED)
+    first, *others = sorted(same, key=lambda contender: contender.entrant.method == EXPORTED)
     saved = [other.entrant for other in others if other.entrant.method != EXPORTED]
     also = tuple(
-        Alias(one.label, one.method, one.run, one.seed, one.chunk, one.steps) for one in saved
+        Alias(
+            contender.label,
+            contender.method,
+            contender.run,
+            contender.seed,
+            contender.chunk,
+            contender.steps,
+        )
+        for contender in saved
     )
     return Seat(
         first.entrant._replace(also=also),

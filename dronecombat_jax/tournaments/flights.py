@@ -65,7 +65,7 @@ def record_flights(
 
     @partial(jax.jit, static_argnums=0)
     def fly(normalize: tuple[bool, bool], defender: Policy, attacker: Policy) -> FightRecord:
-        learn = [LearnConfig(normalize_observations=one) for one in normalize]
+        learn = [LearnConfig(normalize_observations=normalized) for normalized in normalize]
         first = policy_pilot(learn[DEFENDER], defender, DEFENDER, rules.stochastic)
         return record(
             combat,
@@ -77,7 +77,7 @@ def record_flights(
 
     known: dict[tuple[int, int], Flight] = {}
     flown = []
-    for one, pair in _pairs(entrants):
+    for entrant, pair in _pairs(entrants):
         defender, attacker = players[DEFENDER][pair[0]], players[ATTACKER][pair[1]]
         if (
             not (defender and attacker)
@@ -86,9 +86,9 @@ def record_flights(
         ):
             continue
         if pair not in known:  # a policy that a chunk did not change flies as before
-            told = fly((defender.normalize, attacker.normalize), defender.pilot, attacker.pilot)
-            known[pair] = flight(jax.device_get(told), combat.config.control_dt)
-        flown.append(_summary(one, known[pair]))
+            flights = fly((defender.normalize, attacker.normalize), defender.pilot, attacker.pilot)
+            known[pair] = flight(jax.device_get(flights), combat.config.control_dt)
+        flown.append(_summary(entrant, known[pair]))
     return flown
 
 
@@ -96,9 +96,9 @@ def save_flights(folder: Path, flown: Sequence[Flown]) -> None:
     """Write `flights.json`. UserError 73."""
     plain = lambda value: None if isinstance(value, float) and not math.isfinite(value) else value
     spelt = lambda value: (
-        [plain(one) for one in value] if isinstance(value, tuple) else plain(value)
+        [plain(item) for item in value] if isinstance(value, tuple) else plain(value)
     )
-    rows = [{name: spelt(value) for name, value in one._asdict().items()} for one in flown]
+    rows = [{name: spelt(value) for name, value in item._asdict().items()} for item in flown]
     write_atomic(folder / FLIGHTS_NAME, json.dumps(rows, indent=1, allow_nan=False) + "\n")
 
 
@@ -132,28 +132,32 @@ def _pairs(
     of both.
     """
     defenders, attackers = (by_training(side) for side in entrants)
-    found = []
+    pairs = []
     for lineage, saved in defenders.items():
-        met = {one.chunk: index for index, one in attackers.get(lineage, ())}
-        found += [(one, (index, met[one.chunk])) for index, one in saved if one.chunk in met]
-    return found
+        met = {entrant.chunk: index for index, entrant in attackers.get(lineage, ())}
+        pairs += [
+            (entrant, (index, met[entrant.chunk]))
+            for index, entrant in saved
+            if entrant.chunk in met
+        ]
+    return pairs
 
 
-def _summary(one: Entrant, told: Flight) -> Flown:
+def _summary(entrant: Entrant, flight: Flight) -> Flown:
     both: Any = lambda values: (_mean(values[:, DEFENDER]), _mean(values[:, ATTACKER]))
     return Flown(
-        run=one.lineage,
-        method=one.method,
-        chunk=one.chunk,
-        steps=one.steps,
-        fights=len(told.time),
-        time=_mean(told.time),
-        closing_speed=_mean(told.closing_speed),
-        approach_angle=_mean(told.approach_angle),
-        altitude=both(told.altitude),
-        lowest=both(told.lowest),
-        path_ratio=both(told.path_ratio),
-        control_effort=both(told.control_effort),
+        run=entrant.lineage,
+        method=entrant.method,
+        chunk=entrant.chunk,
+        steps=entrant.steps,
+        fights=len(flight.time),
+        time=_mean(flight.time),
+        closing_speed=_mean(flight.closing_speed),
+        approach_angle=_mean(flight.approach_angle),
+        altitude=both(flight.altitude),
+        lowest=both(flight.lowest),
+        path_ratio=both(flight.path_ratio),
+        control_effort=both(flight.control_effort),
     )
 
 

@@ -69,8 +69,8 @@ def fly(
 
     False where a signal came; then all is saved.
     """
-    there = [np.asarray([player is not None for player in side], bool) for side in sides]
-    wanted = np.outer(*there) & grid.asked & ~grid.flown
+    present = [np.asarray([player is not None for player in side], bool) for side in sides]
+    wanted = np.outer(*present) & grid.asked & ~grid.flown
     if not wanted.any():
         return True
     total, done = (int(cells.sum()) * rules.episodes for cells in (wanted, grid.asked & grid.flown))

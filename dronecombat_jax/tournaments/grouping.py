@@ -84,10 +84,12 @@ def regroup(result: TournamentResult, groups: Mapping[str, str]) -> TournamentRe
     """
     # of several seeds each is "run/seed"
     kind = lambda run: groups.get(run) or groups.get(run.rpartition("/")[0])
-    for _, one in showings([*result.defenders, *result.attackers]):
-        if one.run and not kind(one.run):
-            raise UserError(f"the tournament has a run that was not given: {one.run}", EXIT_DATA)
-    named = lambda one: one._replace(method=kind(one.run)) if one.run else one
+    for _, entrant in showings([*result.defenders, *result.attackers]):
+        if entrant.run and not kind(entrant.run):
+            raise UserError(
+                f"the tournament has a run that was not given: {entrant.run}", EXIT_DATA
+            )
+    named = lambda entrant: entrant._replace(method=kind(entrant.run)) if entrant.run else entrant
     rename = lambda side: tuple(
         named(entrant)._replace(also=tuple(map(named, entrant.also))) for entrant in side
     )

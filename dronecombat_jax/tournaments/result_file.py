@@ -31,7 +31,7 @@ def save_result(folder: Path, result: TournamentResult, about: dict[str, Any]) -
     """Write both files into `folder`; equal results give equal bytes. `about`: plain JSON beside
     the entrants.
     """
-    told = {
+    header = {
         "format": FORMAT,
         **about,
         "control_dt": result.control_dt,
@@ -41,11 +41,11 @@ def save_result(folder: Path, result: TournamentResult, about: dict[str, Any]) -
             if cause
         },
         **{
-            f"{role}s": [_told(entrant) for entrant in side]
+            f"{role}s": [_fields(entrant) for entrant in side]
             for role, side in zip(SIDES, _sides(result), strict=True)
         },
     }
-    text = json.dumps(told, indent=1, allow_nan=False) + "\n"
+    text = json.dumps(header, indent=1, allow_nan=False) + "\n"
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer,
@@ -100,8 +100,10 @@ def _read(path: Path | str) -> tuple[TournamentResult, dict[str, Any]]:
                 raise UserError(
                     f"{name} has format {about['format']}: upgrade dronecombat-jax", EXIT_DATA
                 )
-            winner = [Outcome(int(one)) for one in stored["winner"]]
-            defenders, attackers = ([_entrant(one) for one in about[f"{role}s"]] for role in SIDES)
+            winner = [Outcome(int(outcome)) for outcome in stored["winner"]]
+            defenders, attackers = (
+                [_entrant(fields) for fields in about[f"{role}s"]] for role in SIDES
+            )
             arrays = {part: stored[part] for part in ("cause", "steps", "played", "counts")}
             control_dt = float(stored["control_dt"])
     except FileNotFoundError:
@@ -128,12 +130,12 @@ def _read(path: Path | str) -> tuple[TournamentResult, dict[str, Any]]:
     return result, about
 
 
-def _told(one: Entrant) -> dict[str, Any]:
-    return {**one._asdict(), "also": [name._asdict() for name in one.also]}
+def _fields(entrant: Entrant) -> dict[str, Any]:
+    return {**entrant._asdict(), "also": [name._asdict() for name in entrant.also]}
 
 
-def _entrant(told: dict[str, Any]) -> Entrant:
-    return Entrant(**{**told, "also": tuple(Alias(**name) for name in told.get("also", ()))})
+def _entrant(fields: dict[str, Any]) -> Entrant:
+    return Entrant(**{**fields, "also": tuple(Alias(**name) for name in fields.get("also", ()))})
 
 
 def _sides(result: TournamentResult) -> tuple[tuple[Entrant, ...], tuple[Entrant, ...]]:

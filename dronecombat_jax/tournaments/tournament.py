@@ -57,13 +57,13 @@ def tournament(
     cells: Cells | None = None,
     flights: int = 0,
     mjcf: str = "",
-    told: Mapping[str, Any] | None = None,
+    about: Mapping[str, Any] | None = None,
 ) -> int:
     """Fly, or go on with, the tournament of everybody whom `words` name; returns an exit code.
 
     Of runs `every` n-th chunk and the last take part, and with `untrained` also whom they began
     with. `cells` chooses the cells to be flown (default: all); what was flown before is part of the
-    result in any case. `told`: plain JSON for `result.json`, too. `flights`: how many fights of
+    result in any case. `about`: plain JSON for `result.json`, too. `flights`: how many fights of
     each run's two sides of one chunk are recorded. `mjcf`: the file of the drone or scene to fly,
     instead of where their runs left it. 0: complete; 5: complete but for players who could not be
     read (`skip_bad`); 75: stopped by a signal and saved. Raises UserError: 2 and 3 as `read_field`,
@@ -113,7 +113,7 @@ def tournament(
                 "every": every,
                 "untrained": untrained,
                 "mjcf": mjcf,
-                **(told or {}),
+                **(about or {}),
             },
         )
         _conclude(folder, result, grid.asked)

@@ -98,8 +98,10 @@ def fly_pairs(
             filled = [part[min(i, len(part) - 1)] for i in range(BATCH)]
             chosen = [[pairs[index][role] for index in filled] for role in (0, 1)]
             stack = lambda *leaves: np.stack(leaves)
-            policies = [jax.tree.map(stack, *(one.pilot for one in side)) for side in chosen]
-            words = [np.stack([content_words(one.identity) for one in side]) for side in chosen]
+            policies = [jax.tree.map(stack, *(player.pilot for player in side)) for side in chosen]
+            words = [
+                np.stack([content_words(player.identity) for player in side]) for side in chosen
+            ]
             records = joined(
                 jax.device_get(fly(normalize[0], policies, np.concatenate(words, axis=1)))
             )
@@ -109,16 +111,16 @@ def fly_pairs(
 
 def _alike(pairs: Sequence[Pair]) -> dict[Any, list[int]]:
     """Indices of pairs by what their program depends on."""
-    found: dict[Any, list[int]] = {}
+    groups: dict[Any, list[int]] = {}
     for index, pair in enumerate(pairs):
-        shapes = tuple(tuple(np.shape(x) for x in jax.tree.leaves(one.pilot)) for one in pair)
-        found.setdefault((tuple(one.normalize for one in pair), shapes), []).append(index)
-    return found
+        shapes = tuple(tuple(np.shape(x) for x in jax.tree.leaves(player.pilot)) for player in pair)
+        groups.setdefault((tuple(player.normalize for player in pair), shapes), []).append(index)
+    return groups
 
 
 def _field(result: TournamentResult, about: Mapping[str, Any]) -> Field:
     """Everybody who took part and is still there; UserError where that is another game."""
-    runs = dict.fromkeys(one.run.split("/")[0] for one in result.defenders if one.run)
+    runs = dict.fromkeys(entrant.run.split("/")[0] for entrant in result.defenders if entrant.run)
     words = about.get("words") or [*runs]
     field = read_field(
         words,
@@ -156,10 +158,12 @@ def _map(
         if defender < 0:
             continue
         both = result.defenders[defender], result.attackers[attacker]
-        if all(one.identity in side for one, side in zip(both, players, strict=True)):
+        if all(entrant.identity in side for entrant, side in zip(both, players, strict=True)):
             numbers[cell] = len(pairs)
             pairs.append(both)
-    told = EngFormatter(sep=" ")
-    labels = [[told(float(f"{steps:.3g}")) for steps in side] for side in panel_steps(study, panel)]
+    spelt = EngFormatter(sep=" ")
+    labels = [
+        [spelt(float(f"{steps:.3g}")) for steps in side] for side in panel_steps(study, panel)
+    ]
     seed = run.replace("#", ", seed ")
     return PairsMap(panel, f"Fights of {seed}", (labels[0], labels[1]), numbers)

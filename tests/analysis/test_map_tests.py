@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dronecombat_jax.analysis.forgetting import RunMap
-from dronecombat_jax.analysis.map_tests import map_tests, told
+from dronecombat_jax.analysis.map_tests import map_tests, summary
 
 CHUNKS = np.array([1, 2, 3])
 
@@ -28,12 +28,12 @@ def test_the_planted_cell_is_found_with_its_chunks_and_what_a_seed_lacks_is_not_
     assert test.difference[1, 2] == pytest.approx(0.4, abs=0.05)
     assert test.adjusted_p[1, 2] == pytest.approx(2 / 70) and np.isnan(test.adjusted_p[0, 0])
     assert np.sum(test.adjusted_p < 0.05) == 1
-    assert "1 of 8 cells differ" in told(test)
+    assert "1 of 8 cells differ" in summary(test)
 
 
 def test_with_three_seeds_nothing_can_be_found_and_that_is_said():
     (test,) = map_tests({"a": maps("a", 0.4, 3), "b": maps("b", 0.0, 3)})
-    assert "0 of 9 cells" in told(test) and "none could have differed" in told(test)
+    assert "0 of 9 cells" in summary(test) and "none could have differed" in summary(test)
 
 
 def test_methods_without_a_common_cell_are_not_compared():

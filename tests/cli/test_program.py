@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from refusals import refused
 
-from dronecombat_jax import arena, report, runs, tournaments
+from dronecombat_jax import arena, report, runs, tournaments, watch
 from dronecombat_jax.cli import commands as cli
 from dronecombat_jax.config import flags, settings
 from dronecombat_jax.config.setting import setting
@@ -138,12 +138,13 @@ def test_report_and_compare_hand_over_their_words(rooms, capsys):
     calls = rooms.calls
     say = lambda name: lambda *args, **kwargs: calls.append((name, args, kwargs)) or 0
     rooms.stand_in(report, "tournament_report", report=say("report"))
+    rooms.stand_in(watch, "pairs", fights_page=say("page"))
     rooms.stand_in(tournaments, "comparison", compare=say("compare"))
     rooms.stand_in(arena, "rectangle", Rules=lambda *rules: rules)
     assert cli.main(["report", "joint", "--out", "there"]) == 0
     assert cli.main(["compare", "a", "b", "--by", "preset", "c", "--episodes", "7"]) == 0
     assert [call[0] for call in calls] == ["prepare", "report", "prepare", "compare"]
-    assert calls[1][1][:2] == ("joint", Path("there"))
+    assert calls[1][1][:2] == ("joint", Path("there")) and callable(calls[1][1][2])
     _, (words, rules), options = calls[3]
     assert words == ["a", "b", "c"] and rules == (7, 0, False)
     assert (options["by"], options["every"], options["name"]) == ("preset", 10, "")

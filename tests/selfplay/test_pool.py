@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 from toy import CHUNK, CONFIG, UNOPTIMISED, agent, assert_same_bits, build, differs
 
+from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config, LearnConfig, SelfPlayConfig, TrainConfig
 from dronecombat_jax.learn.ippo import init_learner
 from dronecombat_jax.learn.rollout import act, policy_of, select
@@ -23,7 +24,8 @@ from dronecombat_jax.selfplay.pool import (
     resize,
     save_players,
 )
-from dronecombat_jax.types import ATTACKER, DEFENDER, Outcome, SelfPlay
+from dronecombat_jax.selfplay.samplers import GRADES
+from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, Outcome, SelfPlay
 
 CHUNKS = 6
 SIPPO = replace(
@@ -238,15 +240,32 @@ def record_of(state: SelfPlay, role: int) -> tuple[list[float], list[float]]:
 
 def test_wins_are_counted_by_the_member_met_and_draws_half(toy):
     outcomes = jnp.asarray([[Outcome.DEFENDER, Outcome.ATTACKER, Outcome.DRAW, 0, 0, 0]] * 2)
+    rho = jnp.full((2, 6), 0.25)
     done = jnp.asarray([[True] * 3 + [False] * 3, [True] + [False] * 5])
-    state = count_wins(frozen(toy.state, ATTACKER, [0, 1, 1, 2, 3, 4]), outcomes, done)
+    state = count_wins(frozen(toy.state, ATTACKER, [0, 1, 1, 2, 3, 4]), outcomes, done, rho)
     # The live defender won twice against member 0, and drew once against member 1.
     assert record_of(state, ATTACKER) == ([2.0, 0.5, 0.0, 0.0, 0.0], [2.0, 2.0, 0.0, 0.0, 0.0])
     assert record_of(state, DEFENDER) == ([0.0] * 5, [0.0] * 5)
-    other = count_wins(frozen(toy.state, DEFENDER, [0, 1, 1, 2, 3, 4]), outcomes, done)
+    other = count_wins(frozen(toy.state, DEFENDER, [0, 1, 1, 2, 3, 4]), outcomes, done, rho)
     assert record_of(other, DEFENDER)[0] == [0.0, 1.5, 0.0, 0.0, 0.0]
-    live = count_wins(frozen(toy.state, NOBODY, [NOBODY] * 6), outcomes, done)
+    live = count_wins(frozen(toy.state, NOBODY, [NOBODY] * 6), outcomes, done, rho)
     assert_same_bits(live.pools, toy.state.pools)
+    soon = count_wins(
+        frozen(toy.state, ATTACKER, [0, 1, 1, 2, 3, 4]), outcomes, done, rho, GRADES["rho"]
+    )
+    assert record_of(soon, ATTACKER) == ([0.5, 0.0, 0.0, 0.0, 0.0], [2.0, 2.0, 0.0, 0.0, 0.0])
+
+
+def test_records_of_a_run_can_be_graded_by_how_soon_it_won():
+    """A win is worth the time that was left, which is never all of it."""
+    selfplay = SelfPlayConfig(probability=1.0, memory=1.0, record="rho")
+    program = build(replace(SIPPO, selfplay=selfplay), 2 * CHUNK)
+    state, report = program.run(program.start)
+    pool = state.selfplay.pools[ATTACKER]
+    outcomes = np.asarray(outcome_table(SIPPO.game))[np.asarray(Cause)]
+    frozen = np.asarray(report.frozen[0]) == ATTACKER
+    won = np.asarray(report.causes)[0][frozen][:, outcomes == Outcome.DEFENDER].sum()
+    assert 0.0 < float(pool.wins.sum()) < won <= float(pool.games.sum())
 
 
 def test_a_longer_run_has_more_slots_and_the_same_members(toy):

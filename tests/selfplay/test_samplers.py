@@ -11,7 +11,7 @@ from scipy import stats
 
 from dronecombat_jax.config.fields import SelfPlayConfig
 from dronecombat_jax.selfplay.pool import draw
-from dronecombat_jax.selfplay.samplers import SAMPLERS, Members
+from dronecombat_jax.selfplay.samplers import GRADES, SAMPLERS, Members
 from dronecombat_jax.types import Pool
 
 SLOTS = 8
@@ -28,6 +28,8 @@ SETTINGS = SelfPlayConfig(probability=0.2, delta=0.5, pfsp_power=2.0)
         ("delta_uniform", [0, 0, 1, 1, 1]),  # the newest half of five, rounded up
         ("pfsp_hard", [1, 0.5625, 0.25, 0.0625, 0]),
         ("pfsp_variance", [0, 0.1875, 0.25, 0.1875, 0]),
+        # (1 - x)^2 over its sum 1.875, and the newest as much as all of them
+        ("latest_and_hard", [8 / 15, 0.3, 2 / 15, 1 / 30, 1]),
     ],
 )
 def test_weights_of_the_filled_slots(name, expected):
@@ -79,6 +81,38 @@ def test_prioritised_draws_follow_the_records():
     counts = drawn(replace(SETTINGS, sampler="pfsp_hard"), 4, games=10.0, wins=wins)
     weights = np.asarray([2, 11, 2, 11]) ** 2
     assert stats.chisquare(counts[:4], 4000 * weights / weights.sum()).pvalue > 1e-3
+
+
+def test_half_of_the_draws_are_the_newest_and_half_the_hard_ones():
+    """x = 10/12, 1/12, 10/12, 1/12, so (1 - x)^2 is 4, 121, 4, 121 of 250; the newest is slot 3."""
+    counts = drawn(replace(SETTINGS, sampler="latest_and_hard"), 4, games=10.0, wins=[9.0, 0.0] * 4)
+    shares = 0.5 * np.asarray([4, 121, 4, 121]) / 250 + [0, 0, 0, 0.5]
+    assert counts[4:].sum() == 0 and stats.chisquare(counts[:4], 4000 * shares).pvalue > 1e-3
+
+
+def test_who_has_beaten_everybody_meets_the_newest():
+    settings = replace(SETTINGS, sampler="latest_and_hard", pfsp_power=100.0)
+    counts = drawn(settings, 4, count=500, games=1000.0, wins=[1000.0] * SLOTS)
+    assert counts.tolist() == [0, 0, 0, 500, 0, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("win", [1.0, 1.0, 0.5, 0.0, 0.0]),
+        ("rho", [0.75, 0.0, 0.0, 0.0, 0.0]),
+        ("margin", [0.875, 0.5, 0.5, 0.5, 0.125]),
+    ],
+)
+def test_grades_of_a_soon_and_a_late_win_a_draw_and_a_late_and_a_soon_loss(name, expected):
+    won, drawn = np.asarray([1, 1, 0, 0, 0], bool), np.asarray([0, 0, 1, 0, 0], bool)
+    rho = np.asarray([0.75, 0.0, 0.0, 0.0, 0.75])  # after a quarter of the time, and at its end
+    grades = GRADES[name](jnp.asarray(won), jnp.asarray(drawn), jnp.asarray(rho))
+    np.testing.assert_allclose(grades, expected)
+
+
+def test_every_record_of_the_setting_is_a_grade_and_back():
+    assert set(GRADES) == set(get_args(get_type_hints(SelfPlayConfig)["record"]))
 
 
 def test_where_nobody_is_worth_meeting_everybody_is_as_good():

@@ -50,7 +50,7 @@ def played(monkeypatch, tmp_path):
         folder = Path(root, name)
         folder.mkdir(parents=True)
         result = from_rates(chance, rules.episodes, 0, defenders=sides[0], attackers=sides[1])
-        save_result(folder, result, dict(options["told"]))
+        save_result(folder, result, dict(options["about"]))
         return 0
 
     monkeypatch.setattr(comparison.tournaments, "tournament", tournament)
@@ -62,7 +62,9 @@ def test_all_runs_and_the_pilots_meet_once_and_are_judged(played, capsys):
     ((words, rules, name, options),) = played
     assert words == [*(f"runs/{run}" for run in RUNS), "scripted:all"] and name == "joint"
     assert rules.episodes == 100 and options["every"] == 10 and options["cells"] is cells_needed
-    assert options["told"]["panel_every"] == 10 and options["told"]["methods"]["mixed2"] == "s-ippo"
+    assert (
+        options["about"]["panel_every"] == 10 and options["about"]["methods"]["mixed2"] == "s-ippo"
+    )
     assert "YES: s-ippo's final defender beats ippo's." in capsys.readouterr().out
     told = json.loads(Path("tournaments/joint/comparison.json").read_text())
     assert told["by"] == "method" and told["comparisons"][0]["exact"] and told["notes"] == []

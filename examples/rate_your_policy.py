@@ -9,12 +9,14 @@ import dronecombat_jax as dc
 def main(policy: str, **options: Any) -> dict[str, float]:
     """Ratings by role, in Elo points; `options` as those of `dronecombat_jax.rate`."""
     rated = dc.rate(policy, **options)
-    for one in rated:
-        place = f"place {one.place} of {one.places}"
-        print(f"{one.role} {one.name}: {one.rating:.0f} [{one.low:.0f}, {one.high:.0f}], {place}")
-        for opponent, score in one.worst:
+    for each in rated:
+        place = f"place {each.place} of {each.places}"
+        print(
+            f"{each.role} {each.name}: {each.rating:.0f} [{each.low:.0f}, {each.high:.0f}], {place}"
+        )
+        for opponent, score in each.worst:
             print(f"    scores {score:.2f} against {opponent}")
-    return {one.role: one.rating for one in rated}
+    return {each.role: each.rating for each in rated}
 
 
 if __name__ == "__main__":

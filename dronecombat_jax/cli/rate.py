@@ -46,9 +46,9 @@ def rate(args: Sequence[str]) -> int:
     from dronecombat_jax.tournaments import newcomers
 
     role = "" if given.role == "both" else given.role
-    rated = newcomers.rate(
+    ratings = newcomers.rate(
         given.policy, role=role, fights=given.fights, allow_mismatch=given.allow_env_mismatch
     )
-    for one in rated:
-        print(newcomers.rated_text(one))
+    for rated in ratings:
+        print(newcomers.rated_text(rated))
     return 0

@@ -67,54 +67,56 @@ def rate(
             "python experiments/make_ladder.py makes it anew",
             EXIT_DATA,
         )
-    notes = [_differences(one, here, ladder, allow_mismatch) for one in contenders]
+    notes = [_differences(contender, here, ladder, allow_mismatch) for contender in contenders]
     rules = Rules(fights or ladder.episodes, ladder.seed)
     rated: dict[int, Rated] = {}
     for number, side in enumerate(SIDES):
-        mine = [index for index, one in enumerate(contenders) if one.role == number]
+        mine = [index for index, contender in enumerate(contenders) if contender.role == number]
         if mine:
             some = [contenders[index] for index in mine]
-            told = [notes[index] for index in mine]
-            rated |= zip(mine, _rate_side(combat, ladder, side, some, told, rules), strict=True)
+            known = [notes[index] for index in mine]
+            rated |= zip(mine, _rate_side(combat, ladder, side, some, known, rules), strict=True)
     return [rated[index] for index in range(len(contenders))]
 
 
-def rated_text(one: Rated) -> str:
-    """What `dronecombat rate` prints of one newcomer."""
-    low = "never scored" if math.isinf(one.low) else f"{one.low:.1f}"
-    high = "never beaten" if math.isinf(one.high) else f"{one.high:.1f}"
-    worst = ", ".join(f"{name} ({share:.2f})" for name, share in one.worst) or "nobody"
+def rated_text(rated: Rated) -> str:
+    """What `dronecombat rate` prints of a newcomer."""
+    low = "never scored" if math.isinf(rated.low) else f"{rated.low:.1f}"
+    high = "never beaten" if math.isinf(rated.high) else f"{rated.high:.1f}"
+    worst = ", ".join(f"{name} ({share:.2f})" for name, share in rated.worst) or "nobody"
     return "\n".join(
         [
-            f"{one.role} {one.name}: rating {one.rating:.1f}, 95 % [{low}, {high}], "
-            f"place {one.place} of {one.places}",
-            f"  score {one.score:.3f} in {one.fights:,} fights; loses to: {worst}",
-            *(f"  note: {note}" for note in one.notes),
+            f"{rated.role} {rated.name}: rating {rated.rating:.1f}, 95 % [{low}, {high}], "
+            f"place {rated.place} of {rated.places}",
+            f"  score {rated.score:.3f} in {rated.fights:,} fights; loses to: {worst}",
+            *(f"  note: {note}" for note in rated.notes),
         ]
     )
 
 
 def _contenders(word: str, role: str) -> list[Contender]:
     """Whom `word` names, of `role` alone where it is given."""
-    found = find(word, every=NEWEST)
-    if found.bad:
-        raise UserError("\n".join(found.bad), EXIT_DATA)
-    chosen = [one for one in found.contenders if role in ("", SIDES[one.role])]
+    named = find(word, every=NEWEST)
+    if named.bad:
+        raise UserError("\n".join(named.bad), EXIT_DATA)
+    chosen = [contender for contender in named.contenders if role in ("", SIDES[contender.role])]
     if not chosen:
         other = SIDES[1 - SIDES.index(role)]
         raise UserError(f"{one_line(word)} flies as {other} alone, not as {role}")
     return chosen
 
 
-def _differences(one: Contender, here: dict, ladder: Ladder, allowed: bool) -> tuple[str, ...]:
+def _differences(
+    contender: Contender, here: dict, ladder: Ladder, allowed: bool
+) -> tuple[str, ...]:
     """What a reader should know of the game that a policy was trained in; UserError 3 unless
     `allowed`.
     """
-    if one.environment is None:
+    if contender.environment is None:
         return ()
     differ = [
         one_line(line)
-        for line in environment_diff(one.environment, here)
+        for line in environment_diff(contender.environment, here)
         if not line.startswith(OWN_FRAME)
     ]
     if not differ:
@@ -126,7 +128,8 @@ def _differences(one: Contender, here: dict, ladder: Ladder, allowed: bool) -> t
     )
     if not allowed:
         raise UserError(
-            f"{one.entrant.label} was {text}; --allow-env-mismatch rates it all the same", EXIT_DATA
+            f"{contender.entrant.label} was {text}; --allow-env-mismatch rates it all the same",
+            EXIT_DATA,
         )
     return (text,)
 
@@ -141,20 +144,20 @@ def _rate_side(
 ) -> list[Rated]:
     """Rate newcomers who all fly as `side`."""
     own = combat.config.game.observation
-    players = [_in_its_frame(one, own) for one in contenders]
+    players = [_in_its_frame(contender, own) for contender in contenders]
     rungs = ladder.side(SIDES[1 - SIDES.index(side)])
     opponents = [player for rung in rungs for player in _players(rung.word)]
     score = _fly(combat, side, players, opponents, rules)
     rivals = ladder.side(side)
     anchors = np.asarray([rung.rating for rung in rungs])
     rated = []
-    for one, player, points, told in zip(contenders, players, score, notes, strict=True):
+    for contender, player, points, lines in zip(contenders, players, score, notes, strict=True):
         won = points.sum(axis=1)
         placing = rate_newcomer(won, rules.episodes - won, anchors)
         others = [rung for rung in rivals if rung.identity != player.identity]
         rated.append(
             Rated(
-                one.entrant.label,
+                contender.entrant.label,
                 side,
                 *placing,
                 place=1 + sum(rung.rating > placing.rating for rung in others),
@@ -162,7 +165,7 @@ def _rate_side(
                 score=float(points.mean()),
                 fights=points.size,
                 worst=worst_of(points.mean(axis=1), [rung.name for rung in rungs]),
-                notes=told,
+                notes=lines,
             )
         )
     return rated
@@ -190,12 +193,12 @@ def _fly(
     return score if defends else 1.0 - np.moveaxis(score, 0, 1)
 
 
-def _in_its_frame(one: Contender, own: str) -> Player:
+def _in_its_frame(contender: Contender, own: str) -> Player:
     """The player, told which layout it sees where that is not the game's `own`."""
-    assert one.player is not None  # what is missing was refused before
-    seen = own if one.environment is None else one.environment["game.observation"]
-    return one.player._replace(observation="" if seen == own else seen)
+    assert contender.player is not None  # what is missing was refused before
+    seen = own if contender.environment is None else contender.environment["game.observation"]
+    return contender.player._replace(observation="" if seen == own else seen)
 
 
 def _players(word: str) -> list[Player]:
-    return [one.player for one in find(word).contenders if one.player is not None]
+    return [contender.player for contender in find(word).contenders if contender.player is not None]

@@ -13,6 +13,7 @@ from dronecombat_jax.cli import (
     machine,
     pilots,
     play,
+    rate,
     replay,
     runs,
     tournaments,
@@ -36,6 +37,7 @@ FLAGS = {
     "replay": replay.ReplayFlags,
     "play": play.PlayFlags,
     "pilots": pilots.PilotsFlags,
+    "rate": rate.RateFlags,
     "doctor": machine.DoctorFlags,
 }
 LINK = re.compile(r"\]\(([^)\s]+)\)")

@@ -18,7 +18,7 @@ import numpy as np
 from brax.envs.base import Env, State, Wrapper
 from brax.envs.wrappers.training import EpisodeWrapper, VmapWrapper
 
-from dronecombat_jax.adapters.one_side import WINS, refuse_wrong_number, role_of
+from dronecombat_jax.adapters.one_side import WINS, refuse_wrong_number, role_of, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.combat.scripted import Pilot
@@ -69,6 +69,11 @@ class CombatEnv(Env):
     def episode_steps(self) -> int:
         """Control steps until time-out: the `episode_length` for brax."""
         return self.combat.config.game.episode_steps
+
+    @property
+    def time_limit(self) -> int | None:
+        """Control steps until an undecided fight is truncated; None where the time-out decides it."""
+        return time_limit(self.combat)
 
     def reset(self, rng: jax.Array) -> State:
         """A fight about to start, drawn from `rng`: a key, new style or old."""

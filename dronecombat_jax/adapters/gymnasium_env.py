@@ -28,7 +28,7 @@ except ImportError:
     raise missing("gymnasium", "gymnasium") from None
 
 from dronecombat_jax.adapters.frames import RENDER_MODES, Frames, require_mode
-from dronecombat_jax.adapters.one_side import Bout, choose, role_of, scores, seed_words, time_limit
+from dronecombat_jax.adapters.one_side import Bout, role_of, scores, seed_words, time_limit
 from dronecombat_jax.adapters.opponents import Opponents, pilots_of
 from dronecombat_jax.adapters.side_programs import Flown, programs
 from dronecombat_jax.combat.env import Combat
@@ -102,13 +102,11 @@ class CombatVectorEnv(VectorEnv):
         mask = self._mask(options)
         if seed is None and self._bout is None:
             seed = int(self.np_random.integers(MAX_SEED))
-        begun, observation = self._programs.begin(self._seeded(seed))
-        if mask.all():
-            self._bout = begun
+        keys = self._seeded(seed)
+        if self._bout is None:
+            self._bout, observation = self._programs.begin(keys)
         else:
-            kept = self._observe()
-            self._bout = choose(jnp.asarray(mask), begun, self.bout)
-            observation = np.where(mask[:, None], observation, kept)
+            self._bout, observation = self._programs.renew(self._bout, keys, mask)
         self._over = self._over & ~mask
         return np.array(observation), {}
 
@@ -180,10 +178,6 @@ class CombatVectorEnv(VectorEnv):
             for index, one in enumerate(seed)
         ]
         return jnp.stack(keys)
-
-    def _observe(self) -> NDArray[np.float32]:
-        seen = jax.vmap(self.combat.observe)(self.bout.fight)
-        return np.asarray(seen[:, self.role])
 
 
 class CombatEnv(gymnasium.Env):

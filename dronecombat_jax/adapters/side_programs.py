@@ -27,10 +27,12 @@ class Flown(NamedTuple):
 
 
 class Programs(NamedTuple):
-    """The three of one kind of environment."""
+    """Those of one kind of environment."""
 
     keys: Callable[..., jax.Array]  # (words [2] of a seed, N) -> [N]
     begin: Callable[[jax.Array], tuple[Bout, jax.Array]]  # keys [N] -> fights, observation [N, 35]
+    # (fights, keys [N], mask [N] bool) -> fights, observation [N, 35]; where the mask is, anew
+    renew: Callable[..., tuple[Bout, jax.Array]]
     # (fights, actions [N, 4], over [N] bool before the step) -> fights, Flown
     step: Callable[..., tuple[Bout, Flown]]
 
@@ -49,6 +51,10 @@ def programs(combat: Combat, role: int, pilots: tuple[Pilot, ...], mode: str) ->
         bout = jax.vmap(side.start)(keys)
         return bout, jax.vmap(side.observe)(bout)
 
+    def renew(bout: Bout, keys: jax.Array, mask: jax.Array) -> tuple[Bout, jax.Array]:
+        bout = choose(mask, begin(keys)[0], bout)
+        return bout, jax.vmap(side.observe)(bout)
+
     def step(bout: Bout, action: jax.Array, over: jax.Array) -> tuple[Bout, Flown]:
         after, output = jax.vmap(side.step)(bout, action)
         final, reward = output.observation[:, role], output.reward[:, role]
@@ -65,4 +71,5 @@ def programs(combat: Combat, role: int, pilots: tuple[Pilot, ...], mode: str) ->
             return choose(over, begun, after), choose(over, nothing, flown)
         return after, flown
 
-    return Programs(jax.jit(fight_keys, static_argnums=1), jax.jit(begin), jax.jit(step))
+    keys = jax.jit(fight_keys, static_argnums=1)
+    return Programs(keys, jax.jit(begin), jax.jit(renew), jax.jit(step))

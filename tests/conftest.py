@@ -1,5 +1,6 @@
 """What every test shares: the environment is settled before JAX starts, programs are compiled once."""
 
+import gc
 import os
 import signal
 from pathlib import Path
@@ -22,6 +23,8 @@ os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *LITTLE_OPT
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 backend.prepare("cpu")
+# Tracing makes millions of small objects that live: looking for cycles took a tenth of the time.
+gc.set_threshold(100_000, 50, 50)
 
 
 @pytest.fixture(scope="session")

@@ -79,15 +79,15 @@ def check(ladder, seed: int) -> None:
     from dronecombat_jax.analysis.result import fight_scores
 
     result = fly(ladder.episodes, seed)
-    won = fight_scores(result).sum(axis=2)
+    points = fight_scores(result)
     sides = result.defenders, result.attackers
     rating = {rung.identity: rung.rating for rung in ladder.rungs}
     apart, inside = [], []
     for role, side in enumerate(sides):
-        anchors = np.asarray([rating[one.identity] for one in sides[1 - role]])
+        anchors = np.asarray([rating[other.identity] for other in sides[1 - role]])
         for index, entrant in enumerate(side):
-            points = ladder.episodes - won[:, index] if role else won[index]
-            placing = rate_newcomer(points, ladder.episodes - points, anchors)
+            own = 1.0 - points[:, index] if role else points[index]
+            placing = rate_newcomer(own, anchors)
             apart.append(placing.rating - rating[entrant.identity])
             # both ratings have the same error
             reach = np.sqrt(2.0) * (placing.high - placing.low) / 2

@@ -10,6 +10,7 @@ import pytest
 
 from dronecombat_jax.cli import (
     commands,
+    inventory,
     machine,
     pilots,
     play,
@@ -38,6 +39,7 @@ FLAGS = {
     "play": play.PlayFlags,
     "pilots": pilots.PilotsFlags,
     "rate": rate.RateFlags,
+    "runs": inventory.RunsFlags,
     "doctor": machine.DoctorFlags,
 }
 LINK = re.compile(r"\]\(([^)\s]+)\)")

@@ -25,19 +25,21 @@ class Placing(NamedTuple):
     high: float  # inf: it was never beaten
 
 
-def rate_newcomer(won: NDArray[Any], lost: NDArray[Any], anchors: NDArray[Any]) -> Placing:
-    """The most likely rating of who scored `won` and `lost` [N] against players rated `anchors` [N].
+def rate_newcomer(points: NDArray[Any], anchors: NDArray[Any]) -> Placing:
+    """The most likely rating of who scored `points` [N, E] against players rated `anchors` [N].
 
-    A draw is half of each; the prior is that of `bradley_terry`. Interval: the ratings whose
-    log-likelihood is within 1.92 of the best (a likelihood ratio test's, Wilks 1938). Where
-    everything was won, from the rating at which that has a chance of 2.5 % up to infinity, and the
-    mirror of it where nothing was. The anchors' ratings are taken as they stand. Raises ValueError
-    without a fight.
+    A fight's points are 1, 1/2 or 0; fight e starts alike against all. The prior is that of
+    `bradley_terry`. Interval: the ratings whose log-likelihood is within 1.92 of the best (Wilks
+    1938), or within 1.92 times `spread` of it (Chandler and Bate 2007): fights from one start are
+    alike, and their luck adds up. Where everything was won, the interval goes from the rating at
+    which that has a chance of 2.5 % up to infinity; its mirror where nothing was. The anchors'
+    ratings are taken as they stand. Raises ValueError without a fight.
     """
-    won, lost = np.asarray(won, float), np.asarray(lost, float)
-    strengths = (np.asarray(anchors, float) - START) / POINTS
-    if not won.sum() + lost.sum() > 0:
+    points = np.asarray(points, float)
+    if not points.size:
         raise ValueError("a rating needs at least one fight")
+    won, lost = points.sum(axis=1), (1.0 - points).sum(axis=1)
+    strengths = (np.asarray(anchors, float) - START) / POINTS
     reach = _REACH + np.abs(strengths).max()
     best = _root(lambda theta: _slope(theta, won, lost, strengths), -reach, reach)
     if not lost.any():
@@ -45,10 +47,24 @@ def rate_newcomer(won: NDArray[Any], lost: NDArray[Any], anchors: NDArray[Any]) 
     elif not won.any():
         low, high = -np.inf, -_all_won(lost, -strengths)
     else:
-        top = _value(best, won, lost, strengths) - CHI2_95 / 2
+        fall = CHI2_95 / 2 * spread(points, expit(best - strengths))
+        top = _value(best, won, lost, strengths) - fall
         excess = lambda theta: _value(theta, won, lost, strengths) - top
+        reach += 10.0 * fall
         low, high = _root(excess, -reach, best), _root(excess, best, reach)
     return Placing(*(START + POINTS * theta for theta in (best, low, high)))
+
+
+def spread(points: NDArray[Any], chance: NDArray[Any]) -> float:
+    """How much more the score of a start varies than that of as many fights alone; at least 1.
+
+    `points` [N, E] of the fights, `chance` [N] of a win by the model. Starts are independent; the
+    fights from one start need not be.
+    """
+    if points.shape[1] < 2:
+        return 1.0
+    alone = float(np.sum(chance * (1.0 - chance)))
+    return max(1.0, float(np.var(points.sum(axis=0), ddof=1)) / alone)
 
 
 def _value(theta: float, won: NDArray[Any], lost: NDArray[Any], strengths: NDArray[Any]) -> float:

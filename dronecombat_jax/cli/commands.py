@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
+from dronecombat_jax.cli.inventory import runs
 from dronecombat_jax.cli.machine import doctor
 from dronecombat_jax.cli.pilots import pilots
 from dronecombat_jax.cli.play import play
@@ -34,6 +35,7 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "pilots": pilots,
     "rate": rate,
     "play": play,
+    "runs": runs,
     "doctor": doctor,
 }
 

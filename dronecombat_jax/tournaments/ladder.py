@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecombat_jax.analysis.bradley_terry import bradley_terry
-from dronecombat_jax.analysis.result import SCRIPTED, TournamentResult, score_rate, scores
+from dronecombat_jax.analysis.newcomer import rate_newcomer
+from dronecombat_jax.analysis.result import SCRIPTED, TournamentResult, fight_scores, scores
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.policies import shipped
@@ -61,28 +62,34 @@ class Ladder(NamedTuple):
 
 
 def standing(result: TournamentResult, also: Mapping[str, Sequence[str]]) -> tuple[Rung, ...]:
-    """The rungs of a complete round robin; `also`: further names by identity."""
+    """The rungs of a complete round robin; `also`: further names by identity.
+
+    Ratings are those of all fights together; a rung's interval is what it would get as a newcomer
+    to the others.
+    """
     wins, draws, losses = scores(result)
-    ratings, rate = bradley_terry(wins, losses, draws), score_rate(result)
+    ratings, points = bradley_terry(wins, losses, draws).rating, fight_scores(result)
     sides = result.defenders, result.attackers
+    anchors = ratings[len(sides[0]) :], ratings[: len(sides[0])]
     rungs: list[Rung] = []
     for role, name in enumerate(SIDES):
         others = [entrant.label for entrant in sides[1 - role]]
         side = []
         for index, entrant in enumerate(sides[role]):
             player = index + role * len(sides[0])
-            score = 1.0 - rate[:, index] if role else rate[index]
+            own = 1.0 - points[:, index] if role else points[index]  # [N, E]
+            placing = rate_newcomer(own, anchors[role])
             rung = Rung(
                 name=entrant.label,
                 also=tuple(also.get(entrant.identity, ())),
                 role=name,
                 scripted=entrant.method == SCRIPTED,
                 identity=entrant.identity,
-                rating=float(ratings.rating[player]),
-                low=float(ratings.low[player]),
-                high=float(ratings.high[player]),
-                score=float(score.mean()),
-                worst=worst_of(score, others),
+                rating=float(ratings[player]),
+                low=placing.low,
+                high=placing.high,
+                score=float(own.mean()),
+                worst=worst_of(own.mean(axis=1), others),
             )
             side.append(rung)
         rungs += sorted(side, key=lambda rung: -rung.rating)

@@ -152,8 +152,7 @@ def _rate_side(
     anchors = np.asarray([rung.rating for rung in rungs])
     rated = []
     for contender, player, points, lines in zip(contenders, players, score, notes, strict=True):
-        won = points.sum(axis=1)
-        placing = rate_newcomer(won, rules.episodes - won, anchors)
+        placing = rate_newcomer(points, anchors)
         others = [rung for rung in rivals if rung.identity != player.identity]
         rated.append(
             Rated(

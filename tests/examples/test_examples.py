@@ -55,6 +55,7 @@ def test_roll_out():
     assert sum(causes.values()) == 50 and causes["defender_crash"] + causes["attacker_crash"] > 0
 
 
+@pytest.mark.tour
 def test_train_rate_and_fly():
     share = example("train_from_python").main("small.toml")
     assert 0.0 <= share <= 1.0 and load_run("from-python").iteration == 4
@@ -67,15 +68,8 @@ def test_train_rate_and_fly():
     assert action.shape == (4,) and np.all(np.abs(action) <= 1.0)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "own_algorithm",
-        "own_observation",
-        pytest.param("own_sampler", marks=pytest.mark.slow),
-        pytest.param("own_reward", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.tour
+@pytest.mark.parametrize("name", ["own_algorithm", "own_observation", "own_sampler", "own_reward"])
 def test_parts_of_ones_own(name, capsys):
     example(name).main("small.toml")
     run = Path("runs") / name.replace("_", "-")

@@ -13,7 +13,6 @@ import pytest
 
 NOTEBOOKS = Path(__file__).parents[2] / "experiments" / "notebooks"
 SCRIPTS = sorted(NOTEBOOKS.glob("[0-9]*.py"))
-FAST = "1_first_fight"
 LEARNER = "6_stable_baselines3"  # its own cell installs PyTorch
 # A kernel runs each cell in turn, as "Run all" does; what the cells print goes into the file.
 EXECUTE = """
@@ -83,13 +82,8 @@ def test_the_address_stands_in_one_place(build):
     assert not any("github.com" in cell.source for cell in others)
 
 
-@pytest.mark.parametrize(
-    "script",
-    [
-        pytest.param(path, marks=[] if path.stem == FAST else [pytest.mark.slow], id=path.stem)
-        for path in SCRIPTS
-    ],
-)
+@pytest.mark.tour
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_it_runs_from_top_to_bottom(script, tmp_path):
     if script.stem == LEARNER:
         pytest.importorskip("stable_baselines3")

@@ -58,8 +58,8 @@ class Comparison(NamedTuple):
     @property
     def in_order(self) -> tuple[str, str]:
         """The two methods, the one with the better adjusted score first."""
-        methods = (self.first, self.second)
-        return methods if self.adjusted_score.difference > 0 else methods[::-1]
+        ahead = self.adjusted_score.difference > 0
+        return (self.first, self.second) if ahead else (self.second, self.first)
 
 
 def compare_methods(

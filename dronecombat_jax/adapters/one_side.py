@@ -144,3 +144,8 @@ def choose(condition: jax.Array, new: Tree, old: Tree) -> Tree:
         return jnp.where(condition.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
     return jax.tree.map(pick, new, old)
+
+
+def choose_one(condition: jax.Array, new: Tree, old: Tree) -> Tree:
+    """The same for one fight: `condition` []."""
+    return jax.tree.map(lambda new, old: jnp.where(condition, new, old), new, old)

@@ -9,7 +9,11 @@ import pytest
 
 from dronecombat_jax.errors import UserError
 
-VIEWS = {"gymnasium_env": ("gymnasium", "gymnasium"), "sb3_env": ("stable_baselines3", "sb3")}
+VIEWS = {
+    "gymnasium_env": ("gymnasium", "gymnasium"),
+    "pettingzoo_env": ("pettingzoo", "pettingzoo"),
+    "sb3_env": ("stable_baselines3", "sb3"),
+}
 
 
 @pytest.mark.parametrize("view", VIEWS)

@@ -3,6 +3,7 @@
 import json
 import logging
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -147,18 +148,22 @@ def test_a_real_offline_run_holds_the_same_numbers(toy):
 
     assert training.train(asking(toy.config)) == 0
     (file,) = (toy.path / "wandb").glob("offline-run-*/*.wandb")
-    lines, name = [], ""
-    for entry in stored(file):
-        record = proto.Record()  # pyright: ignore[reportAttributeAccessIssue] - generated
-        record.ParseFromString(entry)
-        if record.WhichOneof("record_type") == "run":
-            name = record.run.display_name
-        if record.WhichOneof("record_type") == "history":
-            items = record.history.item
-            key = lambda item: item.key or ".".join(item.nested_key)
-            lines.append({key(item): json.loads(item.value_json) for item in items})
-    records = metrics.read(toy.path / "metrics.jsonl")
-    assert name == "toy" and len(lines) == len(records) == 40
+    parse = lambda entry: proto.Record.FromString(entry)  # pyright: ignore[reportAttributeAccessIssue]
+    of = lambda kind: [
+        one for one in map(parse, stored(file)) if one.WhichOneof("record_type") == kind
+    ]
+    # its own process writes the file, and may end after ours has asked it to
+    deadline = time.monotonic() + 60.0
+    while not of("exit") and time.monotonic() < deadline:
+        time.sleep(0.1)
+    key = lambda item: item.key or ".".join(item.nested_key)
+    values = lambda one: {key(item): json.loads(item.value_json) for item in one.history.item}
+    lines, records = (
+        [values(one) for one in of("history")],
+        metrics.read(toy.path / "metrics.jsonl"),
+    )
+    assert [one.run.display_name for one in of("run")] == ["toy"]
+    assert len(lines) == len(records) == 40
     for line, record in zip(lines, records, strict=True):
         shown = {key: value for key, value in line.items() if not key.startswith("_")}
         numbers = {key: value for key, value in record.items() if isinstance(value, int | float)}

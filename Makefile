@@ -14,7 +14,7 @@ install = echo "installing packages into $(1); what pip says is in $(1)/install.
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo tournament report replay play notebooks docs test test-quick test-slow check format bench bench-scaling bench-peers clean
+.PHONY: help train-ippo train-sippo tournament report replay play notebooks docs test test-quick test-tour test-slow check format bench bench-scaling bench-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -55,6 +55,9 @@ QUICK := tests/config tests/files tests/analysis tests/policies tests/combat tes
 	tests/selfplay/test_samplers.py tests/cli/test_commands.py tests/cli/test_program.py
 test-quick: $(VENV)/.dev ## the tests of the rooms that compile little, about a minute
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(QUICK) $(ARGS)
+
+test-tour: $(VENV)/.dev ## every notebook and every example from top to bottom, at smoke size
+	$(BIN)/python -m pytest -n 2 -m tour $(ARGS)
 
 test-slow: $(VENV)/.dev ## the tests that take minutes
 	$(BIN)/python -m pytest -m slow $(ARGS)

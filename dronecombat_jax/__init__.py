@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from dronecombat_jax.api import load_policy as load_policy
     from dronecombat_jax.api import load_run as load_run
     from dronecombat_jax.api import prepare as prepare
+    from dronecombat_jax.api import rate as rate
     from dronecombat_jax.api import tournament as tournament
     from dronecombat_jax.api import train as train
     from dronecombat_jax.combat.env import Combat as Combat
@@ -28,6 +29,7 @@ _ROOM = {
     "load_policy": "api",
     "load_run": "api",
     "prepare": "api",
+    "rate": "api",
     "show": "watch.replay",
     "tournament": "api",
     "train": "api",
@@ -42,6 +44,7 @@ __all__ = [
     "load_policy",
     "load_run",
     "prepare",
+    "rate",
     "show",
     "tournament",
     "train",

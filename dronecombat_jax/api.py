@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from dronecombat_jax.analysis.result import TournamentResult
     from dronecombat_jax.policies.file import SavedPolicy
     from dronecombat_jax.runs.evaluation import SavedRun
+    from dronecombat_jax.tournaments.newcomers import Rated
 
 
 def load_config(preset: str = "duel", changes: Mapping[str, Any] | None = None) -> Config:
@@ -113,3 +114,18 @@ def tournament(
     if code not in (0, EXIT_TOURNAMENT):
         raise KeyboardInterrupt("stopped and saved; the same call goes on")
     return load_result(run_path(root, name))
+
+
+def rate(
+    policy: Path | str, *, role: str = "", fights: int = 0, allow_env_mismatch: bool = False
+) -> "list[Rated]":
+    """How a policy stands on the ladder that comes with the package, as `dronecombat rate`.
+
+    `policy`: a policy file, a run (the newest of both sides and all seeds), `pilots:NAME` or
+    `scripted:NAME`. `role`: "defender" or "attacker" alone. `fights` against each opponent; 0: as
+    many as the ladder's own. Raises UserError 2 and 3.
+    """
+    prepare()
+    from dronecombat_jax.tournaments import newcomers
+
+    return newcomers.rate(str(policy), role=role, fights=fights, allow_mismatch=allow_env_mismatch)

@@ -1,27 +1,26 @@
 """Make the pilots that come with the package: policies of runs, rounded, rated, each with a card.
 
-    python experiments/make_pilots.py ippo=runs/ippo sippo=runs/sippo --episodes 20
+    python experiments/make_pilots.py ippo=runs/ippo sippo=runs/sippo --episodes 100
 
 Of each run the final policies of both sides and nine earlier ones, evenly spaced. Weights are
 rounded to 11 significant bits, which halves the size of the wheel; what is rated is the rounded
-policy. Ratings: Bradley-Terry over all of these and the scripted pilots, every pair meeting
-`--episodes` times from the game's own starts.
+policy. Their ratings are those of the ladder, which is made anew: `make_ladder.py`.
 """
 
 import argparse
 import json
-import tempfile
 from pathlib import Path
 
+import make_ladder
 import numpy as np
 
-from dronecombat_jax import load_run, prepare, tournament
+from dronecombat_jax import load_run, prepare
 from dronecombat_jax.policies import shipped
 from dronecombat_jax.tournaments.contenders import find
 
 PER_RUN = 10
 BITS = 11  # significant
-WORST = 3
+COMMANDS = {"ippo": "make train-ippo", "sippo": "make train-sippo"}
 
 
 def rounded(array: np.ndarray) -> np.ndarray:
@@ -54,54 +53,26 @@ def export(method: str, run: Path) -> None:
             print(path.name)
 
 
-def rate(commands: dict[str, str], episodes: int) -> dict[str, dict]:
-    """The card of every pilot."""
-    from dronecombat_jax.analysis.bradley_terry import bradley_terry
-    from dronecombat_jax.analysis.result import score_rate, scores
-
-    with tempfile.TemporaryDirectory() as root:
-        entrants = [f"{shipped.PREFIX}all", "scripted:all"]
-        result = tournament(entrants, episodes=episodes, name="pilots", root=root)
-    wins, draws, losses = scores(result)
-    ratings, rate = bradley_terry(wins, losses, draws), score_rate(result)
-    sides = result.defenders, result.attackers
-    # a policy that both runs saved alike flew once, under the first of its names
-    named: dict[str, list[str]] = {}
-    for name in shipped.names():
-        (contender,) = find(f"{shipped.PREFIX}{name}").contenders
-        named.setdefault(contender.entrant.identity, []).append(name)
-    cards = {}
-    for index, entrant in enumerate([*sides[0], *sides[1]]):
-        defends = index < len(sides[0])
-        score = rate[index] if defends else 1.0 - rate[:, index - len(sides[0])]
-        others = sides[1] if defends else sides[0]
-        worst = np.argsort(score, kind="stable")[:WORST]
-        card = {
-            "steps": entrant.steps,
-            "rating": round(float(ratings.rating[index]), 1),
-            "low": round(float(ratings.low[index]), 1),
-            "high": round(float(ratings.high[index]), 1),
-            "loses_to": [f"{others[i].label} ({score[i]:.2f})" for i in worst if score[i] < 0.5],
-        }
-        for name in named.get(entrant.identity, ()):
-            cards[name] = {"trained": commands[name.partition("-")[0]], **card}
-    return cards
+def card(path: Path) -> dict:
+    """What a pilot's file says of its training; the ladder adds how it rates."""
+    (contender,) = find(f"{shipped.PREFIX}{path.stem}").contenders
+    command = COMMANDS[path.stem.partition("-")[0]]
+    return {"trained": command, "steps": contender.entrant.steps}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("runs", nargs="*", help="METHOD=RUN")
-    parser.add_argument("--episodes", type=int, default=20)
+    parser.add_argument("--episodes", type=int, default=100)
     given = parser.parse_args()
     prepare("cpu")
     shipped.FOLDER.mkdir(exist_ok=True)
     for word in given.runs:
         method, _, run = word.partition("=")
         export(method, Path(run))
-    commands = {"ippo": "make train-ippo", "sippo": "make train-sippo"}
-    cards = rate(commands, given.episodes)
-    table = json.dumps(cards, indent=1, sort_keys=True)
-    (shipped.FOLDER / shipped.CARDS).write_text(table + "\n")
+    cards = {path.stem: card(path) for path in shipped.paths(shipped.ALL)}
+    (shipped.FOLDER / shipped.CARDS).write_text(json.dumps(cards))
+    make_ladder.write(make_ladder.make(given.episodes))
 
 
 if __name__ == "__main__":

@@ -10,9 +10,11 @@ import pytest
 
 from dronecombat_jax.cli import (
     commands,
+    inventory,
     machine,
     pilots,
     play,
+    rate,
     replay,
     runs,
     tournaments,
@@ -36,6 +38,8 @@ FLAGS = {
     "replay": replay.ReplayFlags,
     "play": play.PlayFlags,
     "pilots": pilots.PilotsFlags,
+    "rate": rate.RateFlags,
+    "runs": inventory.RunsFlags,
     "doctor": machine.DoctorFlags,
 }
 LINK = re.compile(r"\]\(([^)\s]+)\)")

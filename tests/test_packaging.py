@@ -62,7 +62,7 @@ def test_the_wheel_holds_the_pages_scripts_and_their_licence(wheel):
 
 def test_the_wheel_holds_the_pilots_and_their_cards(wheel):
     files = names(wheel / "dronecombat_jax", "pilots/*")
-    assert "pilots/cards.json" in files and len(files) == 41
+    assert {"pilots/cards.json", "pilots/ladder.json"} <= files and len(files) == 42
     assert files == names(ROOT / "dronecombat_jax", "pilots/*")
 
 

@@ -18,22 +18,18 @@ import numpy as np
 from brax.envs.base import Env, State, Wrapper
 from brax.envs.wrappers.training import EpisodeWrapper, VmapWrapper
 
+from dronecombat_jax.adapters.one_side import WINS, refuse_wrong_number, role_of, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.combat.scripted import Pilot
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import (
     ACTION_SIZE,
-    ATTACKER,
-    DEFENDER,
     NUM_AGENTS,
-    SIDES,
     EnvState,
     Outcome,
     StepOutput,
 )
-
-_WINS = {DEFENDER: Outcome.DEFENDER, ATTACKER: Outcome.ATTACKER}
 
 
 class CombatEnv(Env):
@@ -52,22 +48,8 @@ class CombatEnv(Env):
 
         Raises UserError for a role that is none, and for an opponent too many or too few.
         """
-        solo = not combat.game.flies[DEFENDER]
-        if role not in (DEFENDER, ATTACKER):
-            raise UserError(
-                f"role {role}: there are {DEFENDER} ({SIDES[DEFENDER]}) and {ATTACKER} ({SIDES[ATTACKER]})"
-            )
-        if solo and role == DEFENDER:
-            raise UserError(
-                "the defender is absent in game.scenario = solo: learn as the attacker, or fly a duel"
-            )
-        if solo != (opponent is None):
-            lack = (
-                "needs an opponent"
-                if opponent is None
-                else "takes no opponent: the attacker is alone"
-            )
-            raise UserError(f"game.scenario = {combat.config.game.scenario} {lack}")
+        role = role_of(role)
+        refuse_wrong_number(combat, role, int(opponent is not None))
         self.combat, self.role, self._opponent = combat, role, opponent
         self._outcomes = np.asarray(outcome_table(combat.config.game))
 
@@ -87,6 +69,11 @@ class CombatEnv(Env):
     def episode_steps(self) -> int:
         """Control steps until time-out: the `episode_length` for brax."""
         return self.combat.config.game.episode_steps
+
+    @property
+    def time_limit(self) -> int | None:
+        """Control steps until an undecided fight is truncated; None where the time-out decides it."""
+        return time_limit(self.combat)
 
     def reset(self, rng: jax.Array) -> State:
         """A fight about to start, drawn from `rng`: a key, new style or old."""
@@ -153,7 +140,7 @@ class CombatEnv(Env):
     def _outcome(self, output: StepOutput) -> dict[str, jax.Array]:
         ended = output.terminated | output.truncated
         outcome = jnp.asarray(self._outcomes)[output.cause]
-        named = {"win": _WINS[self.role], "draw": Outcome.DRAW, "loss": _WINS[1 - self.role]}
+        named = {"win": WINS[self.role], "draw": Outcome.DRAW, "loss": WINS[1 - self.role]}
         return {
             name: (ended & (outcome == which)).astype(jnp.float32) for name, which in named.items()
         }

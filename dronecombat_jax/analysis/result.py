@@ -183,10 +183,15 @@ def win_rate(result: TournamentResult) -> NDArray[np.float64]:
 
 def fight_scores(result: TournamentResult) -> NDArray[np.float64]:
     """The defender's score in every fight [D, A, E]: 1, 1/2 or 0; NaN where not played (eq. 4)."""
+    return score_of(result.winner)[result.cause]
+
+
+def score_of(winner: Sequence[Outcome]) -> NDArray[np.float64]:
+    """The defender's score by `Cause` [C]: 1, 1/2 or 0; NaN for NONE. `winner` [C]: who wins by it."""
     value = {Outcome.DEFENDER: 1.0, Outcome.DRAW: 0.5, Outcome.ATTACKER: 0.0}
-    table = np.asarray([value[outcome] for outcome in result.winner])
+    table = np.asarray([value[outcome] for outcome in winner])
     table[Cause.NONE] = np.nan
-    return table[result.cause]
+    return table
 
 
 def select(

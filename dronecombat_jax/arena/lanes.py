@@ -18,9 +18,12 @@ import numpy as np
 from dronecombat_jax.arena.match import advance, no_result
 from dronecombat_jax.arena.players import Kind
 from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.observe import OBSERVATIONS
 from dronecombat_jax.combat.scripted import PILOTS, Pilot, build_pilot, one_per_fight
 from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.config.own import chosen
 from dronecombat_jax.learn.rollout import policy_mean
+from dronecombat_jax.sim.flight import split
 from dronecombat_jax.types import (
     ACTION_SIZE,
     ATTACKER,
@@ -141,7 +144,8 @@ def fight_key(seed: jax.Array, words: jax.Array, episode: jax.Array) -> jax.Arra
 
 
 def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None) -> Pilot:
-    flown = [] if side.policies is None else [_policies(kind, side.policies, side, role, keys)]
+    policies = [] if side.policies is None else [_policies(kind, side.policies, side, role, keys)]
+    flown = [_seeing(kind.observation, pilot) for pilot in policies]
     pilots = (
         [build_pilot(name, combat.config, combat.scene, role) for name in PILOTS[role]]
         if kind.scripted
@@ -160,6 +164,18 @@ def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | 
             jnp.any(scripted), follow, lambda: jnp.zeros_like(actions[0])
         )
         return jnp.where(scripted[:, None], other, actions[0])
+
+    return act
+
+
+def _seeing(observation: str, pilot: Pilot) -> Pilot:
+    """The same pilot, shown the layout `observation` in place of the game's own ("": that one)."""
+    if not observation:
+        return pilot
+    look = jax.vmap(chosen(OBSERVATIONS, observation).observe)
+
+    def act(state: EnvState, _: jax.Array, key: jax.Array) -> jax.Array:
+        return pilot(state, look(split(state.qpos, state.qvel), state.target), key)
 
     return act
 

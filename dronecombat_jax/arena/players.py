@@ -23,6 +23,7 @@ class Player(NamedTuple):
     # NumPy leaves without leading axes, log-std in its bounds; or the name of a scripted pilot
     pilot: Policy | str
     normalize: bool = True  # whether the policy sees scaled observations
+    observation: str = ""  # the layout that it sees, of `OBSERVATIONS`; "": that of the game flown
 
 
 class Kind(NamedTuple):
@@ -31,6 +32,7 @@ class Kind(NamedTuple):
     sizes: tuple[int, ...]  # of the policies' networks, from observation to action; (): no policies
     normalize: bool  # whether they see scaled observations
     scripted: bool  # scripted pilots fly among them
+    observation: str = ""  # what the policies see, as in `Player`
 
 
 def alike(players: Sequence[Player]) -> list[list[int]]:
@@ -48,8 +50,9 @@ def alike(players: Sequence[Player]) -> list[list[int]]:
 def kind_of(players: Sequence[Player]) -> Kind:
     """What a program must be able to fly for players who are `alike`."""
     networks = {_network(player) for player in players}
-    sizes, normalize = next((network for network in networks if network is not None), ((), False))
-    return Kind(sizes, normalize, None in networks)
+    nothing = ((), False, "")
+    sizes, normalize, observation = next(filter(None, networks), nothing)
+    return Kind(sizes, normalize, None in networks, observation)
 
 
 def stack(players: Sequence[Player]) -> Policy | None:
@@ -78,9 +81,10 @@ def content_words(identity: str) -> NDArray[np.uint32]:
     return np.frombuffer(hashlib.sha256(identity.encode()).digest()[:8], "<u4").astype(np.uint32)
 
 
-def _network(player: Player) -> tuple[tuple[int, ...], bool] | None:
-    """Widths of its network and whether it normalises; None for a scripted pilot."""
+def _network(player: Player) -> tuple[tuple[int, ...], bool, str] | None:
+    """Widths of its network, whether it normalises, and what it sees; None for a scripted pilot."""
     if isinstance(player.pilot, str):
         return None
     weights = player.pilot.network.weights
-    return (weights[0].shape[0], *(weight.shape[1] for weight in weights)), player.normalize
+    sizes = weights[0].shape[0], *(weight.shape[1] for weight in weights)
+    return sizes, player.normalize, player.observation

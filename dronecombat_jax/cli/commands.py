@@ -9,9 +9,11 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
+from dronecombat_jax.cli.inventory import runs
 from dronecombat_jax.cli.machine import doctor
 from dronecombat_jax.cli.pilots import pilots
 from dronecombat_jax.cli.play import play
+from dronecombat_jax.cli.rate import rate
 from dronecombat_jax.cli.replay import replay
 from dronecombat_jax.cli.runs import evaluate, export
 from dronecombat_jax.cli.tournaments import compare, report, tournament
@@ -31,7 +33,9 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "compare": compare,
     "replay": replay,
     "pilots": pilots,
+    "rate": rate,
     "play": play,
+    "runs": runs,
     "doctor": doctor,
 }
 

@@ -17,6 +17,7 @@ from dronecombat_jax.errors import EXIT_CANNOT_WRITE, UserError
 from dronecombat_jax.files.atomic import cannot_write, write_all
 
 LOCK_NAME = ".lock"
+_ASKING_SECONDS = 0.05  # far longer than `in_use` holds a lock
 
 
 @contextmanager
@@ -35,9 +36,28 @@ def exclusive_lock(directory: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
+def in_use(directory: Path) -> bool:
+    """Whether another process holds `directory`; False where it cannot be asked."""
+    try:
+        descriptor = os.open(directory / LOCK_NAME, os.O_RDONLY | os.O_NOFOLLOW)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno in (errno.EWOULDBLOCK, errno.EACCES)
+    finally:
+        os.close(descriptor)
+    return False
+
+
 def _acquire(descriptor: int, directory: Path) -> None:
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(_ASKING_SECONDS)  # it may be somebody who only asks
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
             message = (

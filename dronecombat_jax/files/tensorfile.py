@@ -6,6 +6,7 @@ and its dtypes are limited before that. What does not live here: what the arrays
 """
 
 import errno
+import hashlib
 import json
 import os
 import re
@@ -19,6 +20,7 @@ from safetensors.numpy import load, save
 
 from dronecombat_jax.config.schema import shown
 from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.files.manifest import state_digest
 
 MAX_HEADER_BYTES = 1_000_000
 MAX_FILE_BYTES = 1 << 30
@@ -72,6 +74,12 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
         text = "".join(letter if letter.isprintable() else "?" for letter in str(error))
         reason = text[:300] or type(error).__name__
         raise PolicyError(path, f"damaged or no safetensors file: {reason}") from None
+
+
+def digest_of(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> str:
+    """sha256 in hex over all metadata (but "sha256" itself) and all arrays."""
+    text = json.dumps([state_digest(tensors), sorted(metadata.items())], separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _read_bytes(path: Path) -> bytes:

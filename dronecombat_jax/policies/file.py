@@ -6,11 +6,8 @@ one with NumPy alone: `numpy_policy`. What does not live here: the container (`t
 metadata (`policy_info`), getting a policy out of a run (`export`).
 """
 
-import hashlib
 import itertools
-import json
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,8 +20,7 @@ from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
 from dronecombat_jax.files import tensorfile
 from dronecombat_jax.files.arrays import nonfinite
 from dronecombat_jax.files.atomic import write_atomic
-from dronecombat_jax.files.manifest import state_digest
-from dronecombat_jax.files.tensorfile import PolicyError
+from dronecombat_jax.files.tensorfile import PolicyError, digest_of
 from dronecombat_jax.policies.info import PolicyInfo, info_of, metadata_of
 from dronecombat_jax.types import MLP, Policy, Scaler
 
@@ -110,12 +106,6 @@ def require_environment(
             f"policy of {info.run} was trained in another game: {listed}{more}", EXIT_DATA
         )
     return lines
-
-
-def digest_of(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> str:
-    """sha256 in hex over all metadata (but "sha256" itself) and all arrays."""
-    text = json.dumps([state_digest(tensors), sorted(metadata.items())], separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def as_flown(policy: Policy, learn: LearnConfig) -> Policy:

@@ -2,6 +2,7 @@
 
     dronecombat_jax/pilots/METHOD-SIDE-CHUNK.safetensors    such as ippo-attacker-34
     dronecombat_jax/pilots/cards.json                       how each was trained, and how it rates
+    dronecombat_jax/pilots/ladder.json                      the standing (`tournaments.ladder`)
 
 `pilots:METHOD-SIDE` is the newest of its kind. Made by `experiments/make_pilots.py`. What does not
 live here: reading a policy file (`file`).

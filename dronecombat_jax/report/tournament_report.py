@@ -75,6 +75,8 @@ def report(word: str, out: Path | None = None, fights: Fights = lambda *_: None)
     result, compared = as_compared(load_result(path), about)
     notes = [str(line) for key in ("missing", "notices") for line in about.get(key, ())]
     title = f"Tournament {folder.resolve().name}"
+    entrants = len(result.defenders) + len(result.attackers)
+    print(f"rating and drawing {entrants} entrants ...", flush=True)
     flown = load_flights(folder)
     files = write_report(
         result,

@@ -168,15 +168,15 @@ def evaluate(
         differences = "; ".join(changed)
         print(f"note: trained in another environment than the one here: {differences}", flush=True)
     steps = run.iteration * run.config.steps_per_iteration
-    differences = match._asdict().items()
     written = lambda name, value: value != "" and name not in ("fights", "seed")
-    options = {name: value for name, value in differences if written(name, value)}
+    options = {name: value for name, value in match._asdict().items() if written(name, value)}
+    print(f"flying {match.fights} fights of each seed ...", flush=True)
     results = []
     for index in range(run.config.train.num_seeds):
         result = summary(run.config, play(run, index, match))
         about = {"seed": run.config.train.seed + index, "start_seed": match.seed, "steps": steps}
         results.append({**options, **about, **result})
-        print(report_text(results[-1]))
+        print(report_text(results[-1]), flush=True)
     file = RunDirectory(path).evaluation.with_name(file_name(match, chunk, own_fights))
     write_atomic(file, json.dumps(results, indent=2) + "\n")
     print(f"written to {file}")

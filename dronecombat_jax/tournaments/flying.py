@@ -124,7 +124,7 @@ def _fly(
             )
             grid.add(indices[0][row], indices[1][column], pair)
         fights += harvest.fights
-        progress.update(_update(combat.config.game, before, fights))
+        progress.update(progress_of(combat.config.game, before, fights))
         if time.monotonic() - saved > SAVE_SECONDS:
             grid.save()
             saved = time.monotonic()
@@ -132,7 +132,7 @@ def _fly(
             break
 
 
-def _update(game: GameConfig, before: int, fights: NDArray) -> ProgressUpdate:
+def progress_of(game: GameConfig, before: int, fights: NDArray) -> ProgressUpdate:
     """What the display shows: all fights done, and shares of those flown in this session by `Cause`
     [C].
     """

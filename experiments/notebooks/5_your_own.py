@@ -225,6 +225,9 @@ print(mistake)
 # %% [markdown]
 # More: `examples/` has each part as a program; `CONTRIBUTING.md` says how to add one to the package.
 
+# %% [markdown]
+# Next: [6. Stable-Baselines3](6_stable_baselines3.ipynb).
+
 # %%
 # What this notebook claims, checked.
 import json

@@ -27,6 +27,7 @@ def test_mended_jax_replicates_over_devices():
     assert jax.device_put_replicated is before  # pyright: ignore
 
 
+@pytest.mark.slow
 def test_braxs_ppo_learns_through_it():
     mend_brax()
     networks = functools.partial(

@@ -200,6 +200,21 @@ def test_a_policy_of_nan_loses_its_own_fights_alone(combat: Coasting, flown: Sim
     np.testing.assert_array_equal(out[:, :2], flown.grid[:, :2, :2])
 
 
+def test_a_policy_flies_in_the_frame_that_it_names(combat: Coasting, flown: SimpleNamespace):
+    """In a game of world frames one that sees "ego" flies as in a game of that frame."""
+    ego = Coasting(replace(CONFIG, game=replace(GAME, observation="ego")))
+    there = grid(ego, DEFENDERS[:2], ATTACKERS[:3], flown.rules, layout=SMALL)
+    seeing = [
+        [one._replace(observation="ego") for one in side[:3]] for side in (DEFENDERS, ATTACKERS)
+    ]
+    here = grid(combat, seeing[0][:2], seeing[1], flown.rules, layout=SMALL)
+    np.testing.assert_array_equal(here, there)
+    world = flown.grid[:, :2, :3]
+    assert np.any(here != world)
+    mixed = grid(combat, [DEFENDERS[0], seeing[0][0]], ATTACKERS[:3], flown.rules, layout=SMALL)
+    np.testing.assert_array_equal(mixed[:, 0], world[:, 0])
+
+
 def test_closing_the_tournament_ends_it(combat: Coasting):
     harvests = play(combat, DEFENDERS[:1], ATTACKERS[:1], Rules(200), layout=SMALL, batches=2)
     next(harvests)

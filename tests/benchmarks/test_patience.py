@@ -47,6 +47,7 @@ def test_a_child_that_sleeps_is_killed_and_named(impatient):
     assert process.wait(10) == -signal.SIGKILL
 
 
+@pytest.mark.slow
 def test_a_child_that_computes_is_waited_for_though_not_for_ever(impatient, monkeypatch):
     busy = "import time; end = time.time() + 8\nwhile time.time() < end: pass\nprint('done')"
     assert patience.Listener(child(busy), "x").next_line() == "done\n"

@@ -118,7 +118,9 @@ PHASES = {
 }
 
 
-@pytest.mark.parametrize("seconds", [0.02, 0.15, 0.4, 0.8, 1.6])
+@pytest.mark.parametrize(
+    "seconds", [0.02, 0.15, 0.4, 0.8, pytest.param(1.6, marks=pytest.mark.slow)]
+)
 def test_an_interrupt_in_the_first_seconds(begin, tmp_path, seconds):
     command = begin(tmp_path)
     time.sleep(seconds)

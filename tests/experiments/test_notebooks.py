@@ -13,7 +13,7 @@ import pytest
 
 NOTEBOOKS = Path(__file__).parents[2] / "experiments" / "notebooks"
 SCRIPTS = sorted(NOTEBOOKS.glob("[0-9]*.py"))
-FAST = "1_first_fight"
+LEARNER = "6_stable_baselines3"  # its own cell installs PyTorch
 # A kernel runs each cell in turn, as "Run all" does; what the cells print goes into the file.
 EXECUTE = """
 import sys, nbformat
@@ -34,8 +34,8 @@ def build() -> ModuleType:
     return module
 
 
-def test_the_five_are_here():
-    assert [script.stem[0] for script in SCRIPTS] == ["1", "2", "3", "4", "5"]
+def test_the_six_are_here():
+    assert [script.stem[0] for script in SCRIPTS] == ["1", "2", "3", "4", "5", "6"]
     assert {path.stem for path in NOTEBOOKS.glob("*.ipynb")} == {path.stem for path in SCRIPTS}
 
 
@@ -82,14 +82,11 @@ def test_the_address_stands_in_one_place(build):
     assert not any("github.com" in cell.source for cell in others)
 
 
-@pytest.mark.parametrize(
-    "script",
-    [
-        pytest.param(path, marks=[] if path.stem == FAST else [pytest.mark.slow], id=path.stem)
-        for path in SCRIPTS
-    ],
-)
+@pytest.mark.tour
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_it_runs_from_top_to_bottom(script, tmp_path):
+    if script.stem == LEARNER:
+        pytest.importorskip("stable_baselines3")
     out = tmp_path / "executed.ipynb"
     command = [sys.executable, "-c", EXECUTE, str(script.with_suffix(".ipynb")), str(out)]
     environment = {**os.environ, "DRONECOMBAT_NOTEBOOK": "smoke", "MUJOCO_GL": "disabled"}

@@ -58,7 +58,14 @@ print(chosen)
 """
 
 
-@pytest.mark.parametrize("named", ["module://matplotlib_inline.backend_inline", "nonsense", "pdf"])
+@pytest.mark.parametrize(
+    "named",
+    [
+        "nonsense",
+        pytest.param("module://matplotlib_inline.backend_inline", marks=pytest.mark.slow),
+        pytest.param("pdf", marks=pytest.mark.slow),
+    ],
+)
 def test_figures_are_drawn_whatever_mplbackend_names(named: str, tmp_path: Path):
     """A notebook sets it for all that it starts; a choice that is there is kept for the user."""
     command = [

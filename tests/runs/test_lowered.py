@@ -106,6 +106,7 @@ def test_a_kept_program_is_not_traced_again(kept):
     assert len(kept.builds) == 2  # without keeping, and to keep it
 
 
+@pytest.mark.slow
 def test_a_kept_training_program_learns_the_same_bits(kept):
     expected = kept.run(build=kept.training)
     kept.keeps = True

@@ -17,6 +17,7 @@ LAST = 8 * CHUNK
 FLAGS = ("--train.num-seeds", "1", "--steps", str(LAST * STEPS), "--run.no-figures")
 
 
+@pytest.mark.slow
 def test_two_processes_stopped_and_resumed_come_to_the_numbers_of_two_devices_in_one(tmp_path):
     first, second = train_together(tmp_path, "two", *FLAGS)
     code, out, err = interrupt(second, tmp_path / "two", after=2 * CHUNK, number=signal.SIGTERM)

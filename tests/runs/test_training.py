@@ -137,6 +137,7 @@ def test_a_killed_run_goes_on_to_the_same_bits(whole):
     assert timeless(run / "chunks.jsonl") == timeless(whole.path / "chunks.jsonl")
 
 
+@pytest.mark.slow
 def test_two_devices_killed_and_resumed_come_to_the_bits_of_one(tmp_path):
     """S-IPPO, a seed on each device; straight on one device, and killed on two."""
     selfplay = ("--selfplay.probability", "0.5", "--run.no-figures")

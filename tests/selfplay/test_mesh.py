@@ -14,6 +14,7 @@ import meshes
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.slow
 SPREAD = ("1x2", "1x4", "2x2")  # seeds x environments, all with several devices to a seed
 TOGETHER = ("together-1x1", "together-1x2")  # both seeds side by side, as on a GPU
 # Sums over environments in another order: 6 iterations of 2 x 4 gradient steps differed by 5e-5 at

@@ -1,0 +1,69 @@
+"""Who flies against the learner in a view of one side.
+
+    pilots_of(combat, ATTACKER, "scripted:hover_guard")           always the same
+    pilots_of(combat, ATTACKER, ["pilots:sippo-defender", mine])  drawn anew for each fight
+
+What does not live here: the fights (`one_side`), a tournament's field (`tournaments`).
+"""
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+from dronecombat_jax.adapters.one_side import refuse_wrong_number
+from dronecombat_jax.arena.match import policy_pilot
+from dronecombat_jax.arena.players import Player
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.scripted import Pilot, build_pilot
+from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.tournaments.contenders import Contender, find
+from dronecombat_jax.types import SIDES
+
+# A pilot, a word of the command line, several of both, or None where nobody is met.
+Opponents: TypeAlias = Pilot | str | Sequence[Pilot | str] | None
+
+
+def pilots_of(combat: Combat, role: int, opponents: Opponents) -> tuple[Pilot, ...]:
+    """The pilots that the learner, as `role`, can meet; () where it is alone (`solo`).
+
+    Words are those of a tournament: scripted:NAME, pilots:NAME, a policy file, a run (every chunk
+    of it). Raises UserError for unknown words, for a pilot of the learner's own side, for one that
+    was trained in another game, and where the scenario has no place for any, or needs one.
+    """
+    if opponents is None:
+        given: Sequence[Pilot | str] = ()
+    else:
+        given = (opponents,) if callable(opponents) or isinstance(opponents, str) else opponents
+    refuse_wrong_number(combat, role, len(given))
+    pilots: list[Pilot] = []
+    for one in given:
+        pilots += _named(combat, 1 - role, one) if isinstance(one, str) else [one]
+    return tuple(pilots)
+
+
+def _named(combat: Combat, role: int, word: str) -> list[Pilot]:
+    """The pilots of `role` that a word names."""
+    found = [one for one in find(word).contenders if one.role == role and one.player is not None]
+    if not found:
+        raise UserError(f"{one_line(word)}: it names no {SIDES[role]}")
+    for contender in found:
+        _refuse_other_game(combat, word, contender)
+    return [_pilot(combat, role, one.player) for one in found if one.player is not None]
+
+
+def _refuse_other_game(combat: Combat, word: str, contender: Contender) -> None:
+    if contender.environment is None:
+        return
+    lines = environment_diff(contender.environment, environment(combat.config))
+    if lines:
+        differences = "; ".join(one_line(line) for line in lines[:5])
+        raise UserError(f"{one_line(word)} was trained in another game: {differences}", EXIT_DATA)
+
+
+def _pilot(combat: Combat, role: int, player: Player) -> Pilot:
+    if isinstance(player.pilot, str):
+        return build_pilot(player.pilot, combat.config, combat.scene, role)
+    learn = LearnConfig(normalize_observations=player.normalize)
+    return policy_pilot(learn, player.pilot, role)

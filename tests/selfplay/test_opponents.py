@@ -14,7 +14,7 @@ from dronecombat_jax.combat.scripted import build_pilot
 from dronecombat_jax.config.fields import Config, SelfPlayConfig
 from dronecombat_jax.learn.algorithms import ALL, learn_from
 from dronecombat_jax.learn.ippo import init_learner
-from dronecombat_jax.learn.rollout import act, policy_mean, policy_of, select
+from dronecombat_jax.learn.rollout import act, collect, policy_mean, policy_of, select
 from dronecombat_jax.selfplay import opponents, tally
 from dronecombat_jax.selfplay.chunk import reset_fights
 from dronecombat_jax.selfplay.pool import FIXED, NOBODY, choose, init_selfplay
@@ -84,7 +84,7 @@ def test_fights_are_counted_by_opponent(flown):
         "attacker=past:latest_and_hard",
         "attacker=a.safetensors",
     ]
-    met = sum(report.met[0].sum(0) for report in flown.reports)  # [R, 3]
+    met = np.sum([report.met[0].sum(0) for report in flown.reports], axis=0)  # [R, 3]
     causes = sum(report.causes[0].sum() for report in flown.reports)
     assert met.shape == (4, 3) and met.sum() == causes and np.all(met.sum(1) > 0)
     past = flown.states[-1].selfplay.pools[ATTACKER]
@@ -187,6 +187,7 @@ def test_rows_of_chunks_are_drawn_by_their_shares(chunks):
     config = with_table("defender=scripted:hover 0.1 of chunks, attacker=a 0.4 of chunks")
     learners = jax.tree.map(lambda leaf: leaf[0], chunks.states[0].learners)
     state = init_selfplay(config, learners)
+    assert state is not None
     pick = jax.jit(jax.vmap(lambda key: choose(config, state, jnp.int32(3), key)))
     chosen = pick(jax.random.split(jax.random.key(8), 2000))
     met = np.asarray(chosen.opponent)[:, 0]
@@ -204,7 +205,6 @@ def test_a_side_that_is_nowhere_live_has_no_learning_in_the_program():
     combat, key = Coasting(config), jax.random.key(0)
     learners = jax.vmap(lambda key: init_learner(key, config.learn))(jax.random.split(key))
     steps, envs = config.learn.rollout_steps, config.train.num_envs
-    from dronecombat_jax.learn.rollout import collect
 
     env = reset_fights(combat, jnp.uint32(0), jnp.int32(0))
     policies = policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
@@ -215,7 +215,9 @@ def test_a_side_that_is_nowhere_live_has_no_learning_in_the_program():
         program = lambda rollout: learn_from(
             config.learn, learners, rollout, key, jnp.ones(2, bool), parts
         )
-        return jax.jit(program).lower(shapes).cost_analysis()["flops"]
+        cost = jax.jit(program).lower(shapes).cost_analysis()
+        assert cost is not None
+        return cost["flops"]
 
     assert flops(parts) < 0.6 * flops((ALL, ALL))
 

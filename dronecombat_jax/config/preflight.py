@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 from dronecombat_jax.config import opponent_rules
@@ -24,6 +25,7 @@ from dronecombat_jax.config.estimates import (
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.problem import Problem
 
+NO_WANDB = "it needs the wandb package. Fix: pip install 'dronecombat-jax[wandb]'"
 _NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{0,100}")
 
 
@@ -56,6 +58,19 @@ def memory_problems(config: Config) -> list[Problem]:
             f"{bytes_in_words(needed)} of memory, and this machine has {bytes_in_words(available)}",
         )
     ]
+
+
+def package_problems(config: Config) -> list[Problem]:
+    """One problem where a package is missing that `config` asks for and that is an extra."""
+    if config.run.wandb == "off" or has_wandb():
+        return []
+    return [Problem(("run.wandb",), f"run.wandb = {config.run.wandb}: {NO_WANDB}")]
+
+
+def has_wandb() -> bool:
+    """Whether the package is installed. TRAP: it leaves folders called wandb, which look like one."""
+    spec = find_spec("wandb")
+    return spec is not None and spec.origin is not None
 
 
 def disk_problems(config: Config) -> list[Problem]:

@@ -77,7 +77,11 @@ def from_toml(text: str, source: str) -> Config:
 def _machine_problems(config: Config) -> list[preflight.Problem]:
     if opponent_rules.misspelt(config):
         return []  # nobody knows what it would take
-    return preflight.memory_problems(config) + preflight.disk_problems(config)
+    return [
+        *preflight.memory_problems(config),
+        *preflight.disk_problems(config),
+        *preflight.package_problems(config),
+    ]
 
 
 def _checked(given: Mapping[str, Given], errors: list[str], check_machine: bool) -> Config:

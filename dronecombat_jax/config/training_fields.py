@@ -246,3 +246,8 @@ class RunConfig:
     evaluation_fights: int = setting(
         256, "fights of the evaluation at the end of training", low=1, high=10**6
     )
+    wandb: Literal["off", "offline", "online"] = setting(
+        "off",
+        "also send the metrics to Weights & Biases; offline: keep them in the run's folder for "
+        "`wandb sync` (extra wandb)",
+    )

@@ -192,6 +192,9 @@ class IterationMetrics(NamedTuple):
     learners: UpdateMetrics  # each [A]
     frozen: jax.Array  # [] int32, the role that was played by its past; -1: none
     opponent: jax.Array  # [] mean slot of the past players met; -1: none
+    # [R, 3] int32, counted fights by `Outcome` against each row of `selfplay.opponents`, the first
+    # between live players; None where that setting is empty
+    met: jax.Array | None = None
 
 
 class Policy(struct.PyTreeNode):
@@ -219,7 +222,9 @@ class SelfPlay(struct.PyTreeNode):
     # by the role of the past player; None where its past is never played
     pools: tuple[Pool | None, Pool | None]
     frozen: jax.Array  # [] int32, the role that is played by its past in this chunk; -1: none
-    opponent: jax.Array  # [N] int32, the slot that it is played from in each environment; -1: none
+    # [N] int32, the slot that it is played from in each environment; -1: none; below -2: the row of
+    # chunks that is met instead (`selfplay.pool.FIXED`)
+    opponent: jax.Array
 
 
 class Flown(struct.PyTreeNode):

@@ -53,3 +53,6 @@ def test_a_fight_of_shipped_pilots_then_a_training_and_its_replay(run: Run):
     assert "first" in run("replay", "first", "--fights", "2")
     assert (place / "runs" / "first" / "replay.html").is_file()
     assert "ippo-attacker" in run("pilots")
+    rated = run("rate", "pilots:ippo-attacker", "--fights", "2").splitlines()[-2:]
+    assert re.match(r"attacker ippo-attacker-\d+: rating 1\d+\.\d, .* of 20$", rated[0])
+    assert re.search(r"first +finished .* 100 %", run("runs"))

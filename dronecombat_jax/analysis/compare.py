@@ -55,6 +55,12 @@ class Comparison(NamedTuple):
     adjusted_equivalence_p: float  # Holm's
     verdict: str
 
+    @property
+    def in_order(self) -> tuple[str, str]:
+        """The two methods, the one with the better adjusted score first."""
+        ahead = self.adjusted_score.difference > 0
+        return (self.first, self.second) if ahead else (self.second, self.first)
+
 
 def compare_methods(
     result: TournamentResult,
@@ -194,13 +200,7 @@ def _compare(panel: Panel, first: str, second: str, seed: int) -> Comparison:
 
 def _verdict(comparison: Comparison) -> str:
     if comparison.adjusted_p < LEVEL:
-        ahead = comparison.adjusted_score.difference > 0
-        winner, loser = (
-            (comparison.first, comparison.second)
-            if ahead
-            else (comparison.second, comparison.first)
-        )
-        return f"{winner} beats {loser}"
+        return " beats ".join(comparison.in_order)
     if comparison.adjusted_equivalence_p < LEVEL:
         return f"{comparison.first} and {comparison.second} are equivalent within {MARGIN:g} Elo"
     return f"undecided between {comparison.first} and {comparison.second}"

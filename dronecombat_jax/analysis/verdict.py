@@ -88,11 +88,7 @@ def sentence(comparison: Comparison, means: tuple[float, float], pairs: int = 1)
     seeds = f"{comparison.seeds[0]} v {comparison.seeds[1]} training seeds"
     if comparison.adjusted_p < LEVEL:
         ahead = comparison.adjusted_score.difference > 0
-        winner, loser = (
-            (comparison.first, comparison.second)
-            if ahead
-            else (comparison.second, comparison.first)
-        )
+        winner, loser = comparison.in_order
         high, low = means if ahead else means[::-1]
         ends = (comparison.adjusted_score.low, comparison.adjusted_score.high)
         ends = ends if ahead else (-ends[1], -ends[0])

@@ -2,15 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 from dronecombat_jax.config import flags, settings
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.opponents import SIDES
 from dronecombat_jax.config.schema import settings_of, shown
 from dronecombat_jax.config.setting import setting
 from dronecombat_jax.config.settings import Given
 from dronecombat_jax.errors import UserError
 
 DEFAULT_PRESET = "duel"
+ROLE = "attacker"  # that learns --against somebody
 SHORT_FLAGS = {
     "run.name": "--name",
     "run.device": "--device",
@@ -28,6 +31,7 @@ class TrainFlags(Config):
         dronecombat train --preset smoke
         dronecombat train --preset duel --name ippo
         dronecombat train --preset duel --name sippo --selfplay.probability 0.2 --seed 3
+        dronecombat train --name response --against pilots:ippo-defender --role attacker
     """
 
     preset: str = setting(
@@ -40,6 +44,12 @@ class TrainFlags(Config):
     fork_chunk: int = setting(
         -1, "which checkpoint to fork (0: the untrained one); -1: the newest", low=-1, high=10**9
     )
+    against: str = setting(
+        "",
+        "train one side against somebody who does not learn: scripted:NAME, pilots:NAME, a policy file, RUN or "
+        "RUN:CHUNK (the same as --selfplay.opponents OTHER_SIDE=WHO)",
+    )
+    role: Literal["defender", "attacker"] = setting(ROLE, "which side learns --against somebody")
 
 
 def train(args: Sequence[str]) -> int:
@@ -51,6 +61,7 @@ def train(args: Sequence[str]) -> int:
     errors += settings.check(own, settings_of(TrainFlags))
     if "fork" not in fork and fork:
         errors.append("--fork-chunk needs --fork NEW_NAME")
+    errors += _against(given)
     try:
         config = settings.load(preset, given, check_machine=True)
     except UserError as error:
@@ -85,6 +96,24 @@ def train(args: Sequence[str]) -> int:
 
     finish.finish(config)
     return 0
+
+
+def _against(given: dict[str, Any]) -> list[str]:
+    """Turn --against and --role in `given` into the table of opponents; returns what is wrong."""
+    flagged = {key: given.pop(key) for key in ("against", "role") if key in given}
+    own = {key: Given(value, settings.flag(key)) for key, value in flagged.items()}
+    if errors := settings.check(own, settings_of(TrainFlags)):
+        return errors
+    word = flagged.get("against")
+    if word is None:
+        return ["--role needs --against OPPONENT"] if flagged else []
+    if "selfplay.opponents" in given:
+        return ["--against and --selfplay.opponents say the same: write one of them"]
+    if not word.strip():
+        return ["--against: it names nobody"]
+    role = flagged.get("role", ROLE)
+    given["selfplay.opponents"] = f"{SIDES[1 - SIDES.index(role)]}={word.strip()}"
+    return []
 
 
 def summary(config: Config, preset: str) -> str:

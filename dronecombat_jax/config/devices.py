@@ -7,6 +7,7 @@ What does not live here: the mesh itself (`selfplay.mesh`), and whether the devi
 import math
 
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.opponents import SIDES, live_part
 
 MAX_DEVICES = 1024
 
@@ -37,23 +38,24 @@ def uneven_devices(config: Config, devices: int) -> str:
     """Why `devices` cannot share the work evenly, with the numbers that can; "" where they do."""
     seeds, envs = config.train.num_seeds, config.train.num_envs
     minibatch = config.steps_per_iteration // config.learn.minibatches
-    defenders = (envs - config.solo_envs) * config.learn.rollout_steps // config.learn.minibatches
+    live = [live_part(config, side) for side in range(len(SIDES))]
+    steps, cuts = config.learn.rollout_steps, config.learn.minibatches
+    batches = {(part.stop - part.start) * steps // cuts for part in live}
 
     def fits(devices: int) -> bool:
         _, each = mesh_shape(seeds, devices, devices)
-        return envs % each == 0 and minibatch % each == 0 and defenders % each == 0
+        return envs % each == 0 and all(batch % each == 0 for batch in (minibatch, *batches))
 
     if fits(devices):
         return ""
     shared, each = mesh_shape(seeds, devices, devices)
-    batches = (
-        f"{minibatch}" if defenders == minibatch else f"{minibatch} (the defender's: {defenders})"
-    )
+    others = ", ".join(str(batch) for batch in sorted(batches - {minibatch, 0}))
+    text = f"{minibatch} (where others fly, too: {others})" if others else f"{minibatch}"
     counts = [str(count) for count in range(1, MAX_DEVICES + 1) if fits(count)]
     near = [count for count in counts if int(count) < devices][-2:] + [
         count for count in counts if int(count) > devices
     ][:2]
     return (
         f"run.devices = {devices}: {shared} for the seeds (train.num_seeds = {seeds}) leave {each} for the environments "
-        f"of each, which must divide train.num_envs = {envs} and a mini-batch of {batches}; nearest that fit: {', '.join(near)}"
+        f"of each, which must divide train.num_envs = {envs} and a mini-batch of {text}; nearest that fit: {', '.join(near)}"
     )

@@ -9,6 +9,7 @@ import shutil
 from itertools import pairwise
 from pathlib import Path
 
+from dronecombat_jax.config import opponents
 from dronecombat_jax.config.fields import Config
 
 OBSERVATION_SIZE = 35  # eq. 5
@@ -121,10 +122,14 @@ def _pool_floats(config: Config, policy: int) -> int:
     environment besides.
     """
     environments = config.train.num_envs if config.selfplay.scope == "environment" else 0
-    return policy * _pool_roles(config) * (config.num_chunks + environments)
+    drawn = sum(
+        place.stop - place.first
+        for place in opponents.places(config)
+        if place.row is not None and place.row.past
+    )
+    roles = _pool_roles(config)
+    return policy * (roles * (config.num_chunks + environments) + drawn)
 
 
 def _pool_roles(config: Config) -> int:
-    if config.selfplay.probability == 0.0:
-        return 0
-    return 2 if config.selfplay.roles == "both" else 1
+    return len({row.side for row in opponents.table(config) if row.past})

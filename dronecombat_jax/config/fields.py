@@ -6,6 +6,7 @@ JAX. What does not: reading TOML, merging flags and reporting errors (`settings`
 
 from dataclasses import dataclass, field
 
+from dronecombat_jax.config import opponents
 from dronecombat_jax.config.game_fields import GameConfig, RewardConfig, SimConfig
 from dronecombat_jax.config.setting import setting
 from dronecombat_jax.config.training_fields import (
@@ -58,7 +59,8 @@ class Config:
     @property
     def solo_envs(self) -> int:
         """Environments in which the attacker flies alone: the first ones."""
-        return round(self.train.solo_share * self.train.num_envs)
+        first, *_ = opponents.places(self)
+        return first.stop if first.row and first.row.who == opponents.NOBODY else 0
 
     @property
     def num_chunks(self) -> int:
@@ -67,5 +69,7 @@ class Config:
 
     @property
     def head_start_chunks(self) -> int:
-        """Chunks in which the attacker alone learns."""
+        """Chunks in which the attacker alone learns; none where one side never does."""
+        if not all(opponents.learns(self, side) for side in range(len(opponents.SIDES))):
+            return 0
         return -(-self.train.head_start_steps // self.steps_per_chunk)

@@ -8,9 +8,11 @@ whether a device exists (`machine.backend`). Nothing imports JAX.
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
 
+from dronecombat_jax.config import opponent_rules
 from dronecombat_jax.config.devices import uneven_devices
 from dronecombat_jax.config.estimates import (
     bytes_in_words,
@@ -21,24 +23,23 @@ from dronecombat_jax.config.estimates import (
     machine_bytes,
 )
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.problem import Problem
 
+NO_WANDB = "it needs the wandb package. Fix: pip install 'dronecombat-jax[wandb]'"
 _NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{0,100}")
-
-
-class Problem(NamedTuple):
-    """A rule that is broken: the settings involved, the likeliest culprit first, and the rule."""
-
-    keys: tuple[str, ...]
-    message: str
 
 
 def problems(config: Config) -> list[Problem]:
     """All rules that `config` breaks, on any machine; an empty list where it is sound."""
+    if misspelt := opponent_rules.misspelt(config):
+        plain = replace(config, selfplay=replace(config.selfplay, opponents=""))
+        return misspelt + problems(plain)
     return [
         *_flight(config),
         *_game(config),
         *_learning(config),
         *_selfplay(config),
+        *opponent_rules.broken(config),
         *_training(config),
         *_run(config),
     ]
@@ -57,6 +58,19 @@ def memory_problems(config: Config) -> list[Problem]:
             f"{bytes_in_words(needed)} of memory, and this machine has {bytes_in_words(available)}",
         )
     ]
+
+
+def package_problems(config: Config) -> list[Problem]:
+    """One problem where a package is missing that `config` asks for and that is an extra."""
+    if config.run.wandb == "off" or has_wandb():
+        return []
+    return [Problem(("run.wandb",), f"run.wandb = {config.run.wandb}: {NO_WANDB}")]
+
+
+def has_wandb() -> bool:
+    """Whether the package is installed. TRAP: it leaves folders called wandb, which look like one."""
+    spec = find_spec("wandb")
+    return spec is not None and spec.origin is not None
 
 
 def disk_problems(config: Config) -> list[Problem]:
@@ -124,6 +138,8 @@ def _learning(config: Config) -> Iterator[Problem]:
             f"multiple of learn.minibatches = {learn.minibatches}; nearest that fit: {_nearest_batches(config)}",
         )
     together = batch - config.solo_envs * learn.rollout_steps
+    if config.selfplay.opponents:
+        together = batch  # the whole table is asked (`opponent_rules`)
     if batch % learn.minibatches == 0 and (together == 0 or together % learn.minibatches):
         yield Problem(
             ("train.solo_share", "learn.minibatches", "train.num_envs", "learn.rollout_steps"),

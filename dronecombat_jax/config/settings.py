@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dronecombat_jax.config import preflight
+from dronecombat_jax.config import opponent_rules, opponents, preflight
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.preset_text import lines_of, syntax_error, text_of
 from dronecombat_jax.config.schema import (
@@ -75,7 +75,13 @@ def from_toml(text: str, source: str) -> Config:
 
 
 def _machine_problems(config: Config) -> list[preflight.Problem]:
-    return preflight.memory_problems(config) + preflight.disk_problems(config)
+    if opponent_rules.misspelt(config):
+        return []  # nobody knows what it would take
+    return [
+        *preflight.memory_problems(config),
+        *preflight.disk_problems(config),
+        *preflight.package_problems(config),
+    ]
 
 
 def _checked(given: Mapping[str, Given], errors: list[str], check_machine: bool) -> Config:
@@ -188,7 +194,7 @@ def diff(a: Config, b: Config) -> list[tuple[str, Any, Any]]:
 
 def run_name(config: Config, preset: str | Path) -> str:
     """`run.name`, or method-preset where it is empty ("ippo-duel")."""
-    method = "sippo" if config.selfplay.probability > 0.0 else "ippo"
+    method = opponents.method(config).replace("-", "")
     stem = re.sub(r"[^A-Za-z0-9._-]+", "-", Path(preset).name.removesuffix(".toml"))
     return config.run.name or f"{method}-{stem}"[:100]
 

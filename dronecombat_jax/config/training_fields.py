@@ -114,6 +114,12 @@ class SelfPlayConfig:
         low=0.0,
         high=1.0,
     )
+    opponents: str = setting(
+        "",
+        "who sits in a side's place, and in what share of the environments: SIDE=WHO SHARE, ...; WHO is past, "
+        "past:SAMPLER, scripted:NAME, pilots:NAME, a policy file, RUN, RUN:CHUNK or (defender) nobody. "
+        "SHARE 'of chunks' draws for whole chunks; one row without a share takes all that is left",
+    )
     roles: Literal["defender", "attacker", "both"] = setting(
         "defender",
         "who meets the past of the other: the defender (paper), the attacker, or in turn by lot both",
@@ -239,4 +245,9 @@ class RunConfig:
     replay: bool = setting(True, "write a page that replays fights in a browser at the end")
     evaluation_fights: int = setting(
         256, "fights of the evaluation at the end of training", low=1, high=10**6
+    )
+    wandb: Literal["off", "offline", "online"] = setting(
+        "off",
+        "also send the metrics to Weights & Biases; offline: keep them in the run's folder for "
+        "`wandb sync` (extra wandb)",
     )

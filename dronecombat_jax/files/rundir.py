@@ -47,6 +47,10 @@ class RunDirectory:
         return self.path / "checkpoints"
 
     @property
+    def opponents(self) -> Path:
+        return self.path / "opponents"
+
+    @property
     def figures(self) -> Path:
         return self.path / "figures"
 

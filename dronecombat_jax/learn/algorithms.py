@@ -15,9 +15,10 @@ from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.own import chosen
 from dronecombat_jax.learn.ippo import adopt, init_learner, update_learner
 from dronecombat_jax.learn.rollout import policy_of, select
-from dronecombat_jax.types import DEFENDER, NUM_SIDES, Policy, Transition, UpdateMetrics
+from dronecombat_jax.types import NUM_SIDES, Policy, Transition, UpdateMetrics
 
 Learners = Any  # of both sides, leaves [A, ...]
+ALL = slice(None)  # environments
 
 
 class Algorithm(NamedTuple):
@@ -46,27 +47,36 @@ def learn_from(
     rollout: Transition,
     key: jax.Array,
     learning: jax.Array,
-    solo_envs: int = 0,
+    parts: tuple[slice, slice] = (ALL, ALL),
 ) -> tuple[Learners, UpdateMetrics]:
     """Let each side that is `learning` [A] bool learn from its own part of the rollout.
 
-    A side that does not learn keeps every bit of its state. One that learns must have flown itself;
-    in the first `solo_envs` environments the defender has not.
+    A side that does not learn keeps every bit of its state. One that learns must have flown itself:
+    `parts` are the environments, one after the other, in which each side has. Where there is none,
+    the side has no program at all.
     """
     results = []
     for side in range(NUM_SIDES):
         side_key = jax.random.fold_in(key, side)
-        own = without(solo_envs, rollout) if side == DEFENDER else rollout
+        own = rollout if parts[side] == ALL else part_of(rollout, parts[side])
         learner = select(learners, side)
-        results.append(_learn_if(learning[side], learn, learner, own, side, side_key))
+        if own.clock.shape[1] == 0:
+            results.append((learner, _nothing()))
+        else:
+            results.append(_learn_if(learning[side], learn, learner, own, side, side_key))
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *results)
+
+
+def part_of(rollout: Any, part: slice) -> Any:
+    """The environments `part` of `rollout`, leaves [T, N, ...]."""
+    return jax.tree.map(lambda leaf: leaf[:, part], rollout)
 
 
 def without(solo_envs: int, rollout: Any) -> Any:
     """The environments of `rollout`, leaves [T, N, ...], in which both fly: all but the first
     `solo_envs`.
     """
-    return jax.tree.map(lambda leaf: leaf[:, solo_envs:], rollout) if solo_envs else rollout
+    return part_of(rollout, slice(solo_envs, None)) if solo_envs else rollout
 
 
 def _learn_if(
@@ -80,8 +90,10 @@ def _learn_if(
     def update(learner: Any) -> tuple[Any, UpdateMetrics]:
         return algorithm_of(learn).learn(learn, learner, rollout, side, key)
 
-    def skip(learner: Any) -> tuple[Any, UpdateMetrics]:
-        blank = dict.fromkeys(UpdateMetrics._fields, jnp.zeros(()))
-        return learner, UpdateMetrics(**blank | {"skipped": jnp.zeros((), jnp.int32)})
+    return jax.lax.cond(learning, update, lambda learner: (learner, _nothing()), learner)
 
-    return jax.lax.cond(learning, update, skip, learner)
+
+def _nothing() -> UpdateMetrics:
+    """What a side reports that does not learn."""
+    blank = dict.fromkeys(UpdateMetrics._fields, jnp.zeros(()))
+    return UpdateMetrics(**blank | {"skipped": jnp.zeros((), jnp.int32)})

@@ -1,5 +1,7 @@
 """Collecting experience: both policies fly N fights for T steps, with automatic reset."""
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 
@@ -18,9 +20,12 @@ from dronecombat_jax.types import (
     Transition,
 )
 
+# Whoever does not learn from its actions: (fights [N, ...], observation [N, A, 35], standard normal
+# noise [N, 4]) -> action [N, 4], its log-probability [N]; 0 where nobody will ask for it.
+Seat = Callable[[EnvState, jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
 # Who flies: the defender's and the attacker's policy; leaves [...], or [N, ...] for one in each
-# environment.
-Policies = tuple[Policy, Policy]
+# environment. Or a function, where different ones sit in a side's place.
+Policies = tuple[Policy | Seat, Policy | Seat]
 
 
 def collect(
@@ -45,7 +50,7 @@ def collect(
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
         noise, draw = random
         observation = jax.vmap(combat.observe)(env)
-        action, log_prob = act(learn, policies, observation, noise)
+        action, log_prob = act(learn, policies, observation, noise, env)
         after, output = jax.vmap(combat.step)(env, action)
         done = output.terminated | output.truncated
         following = jax.tree.map(
@@ -59,25 +64,44 @@ def collect(
 
 
 def act(
-    learn: LearnConfig, policies: Policies, observation: jax.Array, noise: jax.Array
+    learn: LearnConfig,
+    policies: Policies,
+    observation: jax.Array,
+    noise: jax.Array,
+    env: EnvState | None = None,
 ) -> tuple[jax.Array, jax.Array]:
     """Draw both agents' actions [N, A, 4] and their log-probabilities [N, A].
 
-    `observation` [N, A, 35], `noise` [N, A, 4] standard normal. The log-probability is that of the
-    unclipped Gaussian action, unless `clip_actions` (with which nothing is learnt:
-    docs/fidelity.md).
+    `observation` [N, A, 35], `noise` [N, A, 4] standard normal; the fights `env` [N, ...] for
+    those of `policies` that are functions.
     """
     actions, log_probs = [], []
     for agent, policy in enumerate(policies):
         # unrolled: two plain products beat one batched product on a CPU
-        mean = policy_mean(learn, policy, observation[:, agent])
-        log_std = jnp.clip(policy.log_std, learn.min_log_std, learn.max_log_std)
-        action = mean + jnp.exp(log_std) * noise[:, agent]
-        if learn.clip_actions:
-            action = jnp.clip(action, -1.0, 1.0)
+        if isinstance(policy, Policy):
+            action, log_prob = draw_action(learn, policy, observation[:, agent], noise[:, agent])
+        else:
+            assert env is not None
+            action, log_prob = policy(env, observation, noise[:, agent])
         actions.append(action)
-        log_probs.append(gaussian_log_prob(action, mean, log_std))
+        log_probs.append(log_prob)
     return jnp.stack(actions, axis=1), jnp.stack(log_probs, axis=1)
+
+
+def draw_action(
+    learn: LearnConfig, policy: Policy, observation: jax.Array, noise: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """One agent's actions [N, 4] and their log-probabilities [N] for raw observations [N, 35].
+
+    The log-probability is that of the unclipped Gaussian action, unless `clip_actions` (with which
+    nothing is learnt: docs/fidelity.md).
+    """
+    mean = policy_mean(learn, policy, observation)
+    log_std = jnp.clip(policy.log_std, learn.min_log_std, learn.max_log_std)
+    action = mean + jnp.exp(log_std) * noise
+    if learn.clip_actions:
+        action = jnp.clip(action, -1.0, 1.0)
+    return action, gaussian_log_prob(action, mean, log_std)
 
 
 def policy_mean(learn: LearnConfig, policy: Policy, observation: jax.Array) -> jax.Array:

@@ -15,7 +15,7 @@ import numpy as np
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.files import metrics
 from dronecombat_jax.files.metrics import MetricsWriter, Record
-from dronecombat_jax.runs.records import ENDINGS
+from dronecombat_jax.runs.records import AGAINST, ENDINGS
 from dronecombat_jax.types import SIDES, Outcome, SelfPlay
 
 SHARES = (
@@ -106,6 +106,9 @@ def summary(rows: list[Record]) -> Record:
             round((row.get(key) or 0.0) * row["episodes"]) for row in rows if row["episodes"]
         )
         record[key] = count / episodes if episodes else None
+    for key in last:
+        if key.startswith(AGAINST):  # plain counts
+            record[key] = sum(row.get(key) or 0 for row in rows)
     record["diverged"] = sum(row.get("diverged", 0) for row in rows)
     for role in SIDES:
         record[f"learning_rate/{role}"] = (_known(rows, f"learning_rate/{role}") or [None])[-1]
@@ -120,7 +123,7 @@ def met(config: Config, selfplay: SelfPlay | None, seed_index: int, chunk: int) 
     so far.
 
     `frozen`: the role that was played by its past; `opponent`: its slot, or the mean of the
-    `opponents` different ones that the environments met. `members/<role>`: slots of that role's
+    `opponents` different ones that the environments met; or the name of another opponent. `members/<role>`: slots of that role's
     past players that were met of late, at most 64 with the most games; `games/<role>`,
     `win_rate/<role>`: theirs. Old games fade (`selfplay.memory`), and the rate is shrunk towards
     1/2.
@@ -128,11 +131,13 @@ def met(config: Config, selfplay: SelfPlay | None, seed_index: int, chunk: int) 
     record: Record = {"frozen": None, "opponent": None, "opponents": 0}
     if selfplay is None:
         return record
-    from dronecombat_jax.selfplay.pool import win_rates
+    from dronecombat_jax.selfplay.pool import FIXED, chunk_rows, win_rates
 
-    frozen = int(selfplay.frozen[seed_index])
-    if frozen >= 0:
-        slots = np.asarray(selfplay.opponent[seed_index])
+    frozen, slots = int(selfplay.frozen[seed_index]), np.asarray(selfplay.opponent[seed_index])
+    if frozen >= 0 and slots[0] < 0:  # no past player
+        row = chunk_rows(config)[FIXED - int(slots[0])]
+        record = {"frozen": SIDES[frozen], "opponent": row.name, "opponents": 1}
+    elif frozen >= 0:
         whole_chunk = config.selfplay.scope == "chunk"
         record = {
             "frozen": SIDES[frozen],

@@ -15,16 +15,19 @@ from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.opponents import stands_for
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.rundir import RunDirectory
+from dronecombat_jax.runs.opponents import kept_policy
 from dronecombat_jax.runs.records import ENDINGS
 from dronecombat_jax.runs.resume import load_state, newest_start
 from dronecombat_jax.runs.saved_policies import policies_of
 from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
+    NUM_SIDES,
     SIDES,
     FightResult,
     Outcome,
@@ -41,6 +44,8 @@ class SavedRun(NamedTuple):
     iteration: int
     state: TrainState  # NumPy leaves [S, ...]
     met: dict[str, Any]  # the environment that it was trained in (`combat.fingerprint`)
+    # by side: who sits in the place of one that never learns, a policy or a scripted pilot's name
+    frozen: tuple[Policy | str | None, ...] = (None, None)
 
 
 def load_run(path: Path, chunk: int | None = None) -> SavedRun:
@@ -48,18 +53,36 @@ def load_run(path: Path, chunk: int | None = None) -> SavedRun:
     with. UserError 3.
     """
     start = newest_start(RunDirectory(path), chunk)
-    combat = Combat(start.config)
-    met = start.meta.get("environment") or environment(start.config, combat.scene)
-    return SavedRun(
-        start.config, combat, start.iteration, load_state(start, combat, pools=False), met
-    )
+    config, combat = start.config, Combat(start.config)
+    met = start.meta.get("environment") or environment(config, combat.scene)
+    frozen = tuple(_frozen(RunDirectory(path), config, side) for side in range(NUM_SIDES))
+    state = load_state(start, combat, pools=False)
+    return SavedRun(config, combat, start.iteration, state, met, frozen)
+
+
+def _frozen(run: RunDirectory, config: Config, side: int) -> Policy | str | None:
+    """Who sits in the place of a side that never learns; None for one that does."""
+    row = stands_for(config, side)
+    return None if row is None else row.scripted or kept_policy(run, config, row)
 
 
 def policies(run: SavedRun, seed_index: int) -> tuple[Policy, Policy]:
-    """Defender's and attacker's policy of one of the run's seeds, as they are flown."""
+    """Defender's and attacker's policy of one of the run's seeds, as they are flown.
+
+    Of a side that never learns, its untrained one: see `flown_by`.
+    """
     each = policies_of(run.state.learners, run.config.learn)  # leaves [S, A, ...]
     of_role = lambda role: jax.tree.map(lambda leaf: leaf[seed_index, role], each)
     return of_role(DEFENDER), of_role(ATTACKER)
+
+
+def flown_by(run: SavedRun, seed_index: int) -> tuple[Policy | str, Policy | str]:
+    """Who flew in the run at last: the policies of one of its seeds, or in the place of a side that
+    never learns, the frozen policy or the scripted pilot that it trained against.
+    """
+    live = policies(run, seed_index)
+    either = lambda side: live[side] if run.frozen[side] is None else run.frozen[side]
+    return either(DEFENDER), either(ATTACKER)  # pyright: ignore[reportReturnType]
 
 
 class Match(NamedTuple):
@@ -87,22 +110,25 @@ def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
     combat = Combat(config, run.combat.scene)
     learn = config.learn
 
-    def pilot(name: str, policy: Policy, role: int) -> Pilot:
-        if name:
-            return build_pilot(name, config, combat.scene, role)
-        return policy_pilot(learn, policy, role, match.stochastic)
+    there = flown_by(run, seed_index)
+    names = [
+        match_name or (flyer if isinstance(flyer, str) else "")
+        for match_name, flyer in zip((match.defender, match.attacker), there, strict=True)
+    ]
+    flown = [None if isinstance(flyer, str) else flyer for flyer in there]
 
-    def fly(defender: Policy, attacker: Policy, key: jax.Array) -> FightResult:
+    def pilot(policy: Policy | None, role: int) -> Pilot:
+        if policy is None or names[role]:
+            return build_pilot(names[role], config, combat.scene, role)
+        # who is frozen flew its mean action in training, too
+        return policy_pilot(learn, policy, role, match.stochastic and run.frozen[role] is None)
+
+    def fly(defender: Policy | None, attacker: Policy | None, key: jax.Array) -> FightResult:
         start_key, fight_key = jax.random.split(key)
-        return fight(
-            combat,
-            pilot(match.defender, defender, DEFENDER),
-            pilot(match.attacker, attacker, ATTACKER),
-            start_fights(combat, start_key, fights),
-            fight_key,
-        )
+        pilots = pilot(defender, DEFENDER), pilot(attacker, ATTACKER)
+        return fight(combat, *pilots, start_fights(combat, start_key, fights), fight_key)
 
-    return jax.device_get(jax.jit(fly)(*policies(run, seed_index), jax.random.key(match.seed)))
+    return jax.device_get(jax.jit(fly)(*flown, jax.random.key(match.seed)))
 
 
 def summary(config: Config, result: FightResult) -> dict[str, Any]:

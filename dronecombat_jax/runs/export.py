@@ -65,6 +65,11 @@ def policy_of_run(
             f"{directory.path} is a {config.game.scenario} run: its {role} never flew; take the other --role",
             EXIT_CONFIG,
         )
+    if run.frozen[SIDES.index(role)] is not None:
+        raise UserError(
+            f"{directory.path} trained against a {role} that does not learn: take the other --role",
+            EXIT_CONFIG,
+        )
     index = _seed_index(run, directory, seed)
     info = PolicyInfo(
         role=role,

@@ -34,6 +34,7 @@ SHAPES = (
     "train.num_seeds",
     "selfplay.probability",
     "selfplay.roles",
+    "selfplay.opponents",
 )
 ONLY_AT_THE_START = ("learn.hidden_gain", "learn.policy_output_gain", "learn.initial_log_std")
 
@@ -85,7 +86,7 @@ def forked_state(start: Start, config: Config, combat: "Combat") -> "TrainState"
     from dronecombat_jax.selfplay.chunk import init_state
 
     state = restored_state(start, config, combat)
-    if config.selfplay.probability == 0.0:
+    if jax.eval_shape(lambda: init_state(combat)).selfplay is None:
         state = state.replace(selfplay=None)
     changed = {key for key, *_ in settings.diff(start.config, config)}
     reshaped = [key for key in SHAPES if key in changed]

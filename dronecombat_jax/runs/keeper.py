@@ -11,6 +11,7 @@ from dronecombat_jax.config.fields import Config
 from dronecombat_jax.errors import EXIT_DIVERGED, UserError
 from dronecombat_jax.files.metrics import MetricsWriter
 from dronecombat_jax.files.rundir import RunDirectory
+from dronecombat_jax.files.wandb_log import WandbLog
 from dronecombat_jax.runs.chunks import ChunkLog
 from dronecombat_jax.runs.guards import write_dump
 from dronecombat_jax.runs.records import progress_update, records
@@ -22,14 +23,22 @@ class Keeper:
     """Writes the metrics and saves the states of one run; a context manager."""
 
     def __init__(self, run: RunDirectory, config: Config, saver: Saver, iteration: int):
-        """`iteration`: done so far. Raises UserError 73 where a log cannot be opened."""
+        """`iteration`: done so far.
+
+        Raises UserError 73 where a log cannot be opened, 2 where Weights & Biases is asked for and
+        does not start.
+        """
         self._config, self._saver = config, saver
+        self._wandb: WandbLog | None = None
         with ExitStack() as stack:
             self.chunks = stack.enter_context(ChunkLog(config, run.chunks, run.metrics, iteration))
             steps = iteration * config.steps_per_iteration
             self._metrics = stack.enter_context(
                 MetricsWriter(run.metrics, run.tensorboard, resume_steps=steps)
             )
+            if config.run.wandb != "off":
+                self._wandb = WandbLog(run.path, config)
+                stack.callback(self._wandb.close)
             self._files = stack.pop_all()
 
     def __enter__(self) -> "Keeper":
@@ -49,6 +58,8 @@ class Keeper:
         """
         for record in records(self._config, report, iteration):
             self._metrics.write(record)
+            if self._wandb is not None:
+                self._wandb.add(record)
             self.chunks.add(record)
         done = iteration + report.causes.shape[1]
         self._saver.progress.update(progress_update(self._config, report, done))

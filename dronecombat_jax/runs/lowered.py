@@ -54,17 +54,22 @@ def compiled(
     build: Callable[[], Callable[[Any], Any]],
     state: Any,
     mesh: "jax.sharding.Mesh | None",
+    constants: str = "",
     **options: Any,
 ) -> Any:
     """`build()`, a program `state -> (state, report)`, compiled for `state`, which is on its
     devices.
 
-    `name` and `config` must say all that `build` depends on, but for files. `options` go to
+    `name`, `config` and `constants` must say all that `build` depends on, but for files. `options` go to
     `jax.jit`. Where the program is kept, `build` is not called.
     """
     from dronecombat_jax.selfplay.mesh import jitted
 
-    program = _kept(name, config, build, state, mesh) if _began and processes.count() == 1 else None
+    program = (
+        _kept(name, config, build, state, mesh, constants)
+        if _began and processes.count() == 1
+        else None
+    )
     return jitted(program or build(), state, mesh, **options).lower(state).compile()
 
 
@@ -74,13 +79,14 @@ def _kept(
     build: Callable[[], Callable[[Any], Any]],
     state: Any,
     mesh: "jax.sharding.Mesh | None",
+    constants: str,
 ) -> Callable[[Any], Any] | None:
     """The program from its file, else traced and kept; None where `jax.export` cannot do that."""
     from jax import export
 
     from dronecombat_jax.selfplay.mesh import jitted
 
-    path = backend.cache_dir() / "lowered" / f"{name}-{_key(config, state, mesh)}"
+    path = backend.cache_dir() / "lowered" / f"{name}-{_key(config, state, mesh, constants)}"
     try:
         _register()
         content = _read(path)
@@ -93,7 +99,7 @@ def _kept(
         return None
 
 
-def _key(config: Config, state: Any, mesh: "jax.sharding.Mesh | None") -> str:
+def _key(config: Config, state: Any, mesh: "jax.sharding.Mesh | None", constants: str = "") -> str:
     """A digest of what a program depends on besides files.
 
     A run's name, seed and length are not in it.
@@ -115,6 +121,7 @@ def _key(config: Config, state: Any, mesh: "jax.sharding.Mesh | None") -> str:
         str(structure),
         [f"{leaf.dtype}{leaf.shape}" for leaf in leaves],
         sys.path,
+        constants,
     )
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:24]
 

@@ -17,6 +17,8 @@ from dronecombat_jax.runs.lowered import compiled
 if TYPE_CHECKING:
     import jax
 
+    from dronecombat_jax.runs.opponents import Frozen
+
 Advance = Callable[[Any], tuple[Any, Any]]
 
 # A program call is a few iterations: short enough to answer a signal within seconds on a laptop.
@@ -49,11 +51,16 @@ def call_iterations(config: Config) -> int:
 class Program:
     """The training program of one run: its environment, its devices, its iterations per call."""
 
-    def __init__(self, config: Config):
-        """Raises UserError 2 for devices or a scene that cannot be had."""
+    def __init__(self, config: Config, frozen: "Frozen | None" = None):
+        """`frozen`: the policies of the table of opponents.
+
+        Raises UserError 2 for devices or a scene that cannot be had.
+        """
         from dronecombat_jax.combat.env import Combat
 
         self.config = config
+        self._cast = frozen.cast if frozen else {}
+        self._cast_digests = sorted(frozen.digests.items()) if frozen else []
         self.combat = Combat(config)
         self.mesh = seed_devices(config)
         self.iterations = call_iterations(config)
@@ -80,8 +87,10 @@ class Program:
         return (time.monotonic() - start) / self.iterations
 
     def _compiled(self, name: str, build: Any, state: Any, **options: Any) -> Any:
-        make = lambda: build(self.combat, self.iterations, self.mesh)
-        return compiled(name, self.config, make, state, self.mesh, **options)
+        make = lambda: build(self.combat, self.iterations, self.mesh, self._cast)
+        return compiled(
+            name, self.config, make, state, self.mesh, constants=str(self._cast_digests), **options
+        )
 
 
 def seed_devices(config: Config) -> "jax.sharding.Mesh | None":

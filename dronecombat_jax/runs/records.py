@@ -9,9 +9,11 @@ import numpy as np
 
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.opponents import LIVE, learns
 from dronecombat_jax.runs.progress import ProgressUpdate
 from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Cause, IterationMetrics, Outcome
 
+AGAINST = "against/"  # before an opponent's name, in a record
 ENDINGS = tuple(cause for cause in Cause if cause != Cause.NONE)
 
 
@@ -39,12 +41,13 @@ def records(config: Config, report: IterationMetrics, first_iteration: int) -> l
 
 def learning_agents(config: Config, report: IterationMetrics, first_iteration: int) -> np.ndarray:
     """Which agents learnt, [S, I, A] bool: not a defender that waits, nor a role that was played by
-    its past.
+    its past or by another opponent.
     """
     from dronecombat_jax.selfplay.chunk import waits
 
     frozen = np.asarray(report.frozen)  # [S, I]
     learning = np.arange(len(SIDES)) != frozen[..., None]
+    learning &= np.asarray([learns(config, side) for side in range(len(SIDES))])
     iterations = first_iteration + np.arange(frozen.shape[1])
     learning[..., DEFENDER] &= ~np.asarray(waits(config, iterations))  # pyright: ignore[reportArgumentType]
     return learning
@@ -81,7 +84,7 @@ def _record(
         "seed": seed,
         "chunk": iteration // config.train.chunk_iterations + 1,
         "frozen": int(report.frozen) if is_frozen else None,
-        "opponent": float(report.opponent) if is_frozen else None,
+        "opponent": float(report.opponent) if is_frozen and report.opponent >= 0 else None,
         "diverged": diverged,
         "diverged_environments": diverged / config.train.num_envs,
         "episodes": episodes,
@@ -93,6 +96,7 @@ def _record(
     record |= {
         f"win/{outcome.name.lower()}": _share(wins[outcome], episodes) for outcome in Outcome
     }
+    record |= met_by_row(config, report.met)
     for agent, role in enumerate(SIDES):
         record[f"crash/{role}"] = _share(report.crashes[agent], episodes)
         terms = report.reward_terms._asdict().items()
@@ -104,6 +108,22 @@ def _record(
             for name, value in learner
         }
     return record
+
+
+def met_by_row(config: Config, met: Any) -> dict[str, int]:
+    """Counted fights against each opponent of the table, by who won; `met` [R, 3] or None.
+
+    Such as `against/defender=scripted:hover/attacker`: how many of its fights the attacker won.
+    """
+    from dronecombat_jax.selfplay.opponents import counted_rows
+
+    if met is None:
+        return {}
+    return {
+        f"{AGAINST}{row.name if row else LIVE}/{outcome.name.lower()}": int(met[index, outcome])
+        for index, row in enumerate(counted_rows(config))
+        for outcome in Outcome
+    }
 
 
 def _wins(config: Config, causes: Any) -> dict[Outcome, float]:

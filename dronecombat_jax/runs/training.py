@@ -9,14 +9,16 @@ has a run directory; all run this loop.
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, nullcontext
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from dronecombat_jax.config import estimates, settings
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.opponents import described
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED, UserError
 from dronecombat_jax.files.atomic import write_atomic
+from dronecombat_jax.files.checkpoint import steps
 from dronecombat_jax.files.claim import claim_run
 from dronecombat_jax.files.metrics import truncate_after
 from dronecombat_jax.files.rundir import RunDirectory, run_path
@@ -31,6 +33,9 @@ from dronecombat_jax.runs.resume import Start, find_start, restored_state
 from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.runs.signals import StopFlag, stop_signals
 
+if TYPE_CHECKING:
+    from dronecombat_jax.runs.opponents import Frozen
+
 
 class Begun(NamedTuple):
     """A run that this process has claimed, and where it goes on from."""
@@ -39,6 +44,7 @@ class Begun(NamedTuple):
     start: Start | None
     more_meta: dict[str, Any]  # for every checkpoint
     complete: bool  # nothing is left to do
+    frozen: "Frozen | None" = None  # the policies of the table of opponents
 
 
 def train(config: Config, fork_of: str | None = None, chunk: int | None = None) -> int:
@@ -62,7 +68,7 @@ def train(config: Config, fork_of: str | None = None, chunk: int | None = None) 
         with device_errors():
             if begun is None:
                 stop = stack.enter_context(stop_signals())
-                code = _run(None, config, None, None, stop)
+                code = _run(None, config, stop)
             else:
                 steps = config.steps_per_iteration * config.train.num_seeds
                 done = begun.start.iteration if begun.start else 0
@@ -70,7 +76,7 @@ def train(config: Config, fork_of: str | None = None, chunk: int | None = None) 
                 progress = stack.enter_context(make_progress(begun.run.name, total, done * steps))
                 stop = stack.enter_context(_stopping(progress))
                 saver = Saver(begun.run, config, progress, begun.more_meta)
-                code = _run(begun.run, config, begun.start, saver, stop)
+                code = _run(begun, config, stop, saver)
     return EXIT_STOPPED if stop else code  # a signal may have come after the last look at it
 
 
@@ -78,6 +84,7 @@ def _begin(stack: ExitStack, config: Config, fork_of: str | None, chunk: int | N
     """Claim the run for as long as `stack` is open, find out where it goes on from, and say so."""
     source = None if fork_of is None else RunDirectory(run_path(config.run.directory, fork_of))
     forked = None if source is None else fork.fork_start(source, chunk, config)
+    frozen = _read_opponents(config)
     run = stack.enter_context(claim_run(config.run.directory, config.run.name))
     start = find_start(run, config)
     if start is not None and source is not None:
@@ -90,13 +97,39 @@ def _begin(stack: ExitStack, config: Config, fork_of: str | None, chunk: int | N
             flush=True,
         )
     else:
+        if config.selfplay.opponents:
+            frozen = _kept_opponents(run, config, start, frozen)
         start = start or forked
         write_atomic(run.config, settings.to_toml(config))
-        _greet(run, config, start)
-    return Begun(run, start, _inherited(start, source), complete)
+        _greet(run, config, start, frozen)
+    more_meta = _inherited(start, source) | (frozen.meta if frozen else {})
+    return Begun(run, start, more_meta, complete, frozen)
 
 
-def _greet(run: RunDirectory, config: Config, start: Start | None) -> None:
+def _read_opponents(config: Config) -> "Frozen | None":
+    """The policies that a new run names, read before it has a folder; None where it has one."""
+    path = RunDirectory(run_path(config.run.directory, config.run.name))
+    if not config.selfplay.opponents or steps(path.checkpoints):
+        return None
+    from dronecombat_jax.runs.opponents import read_named
+
+    return read_named(config)
+
+
+def _kept_opponents(
+    run: RunDirectory, config: Config, start: Start | None, named: "Frozen | None"
+) -> "Frozen":
+    """The opponents of a run that is claimed: those it has kept, or as it begins, `named` ones."""
+    from dronecombat_jax.runs import opponents
+
+    if start is not None:
+        return opponents.read_kept(run, config, start.meta)
+    frozen = named or opponents.read_named(config)
+    opponents.keep(run, frozen)
+    return frozen
+
+
+def _greet(run: RunDirectory, config: Config, start: Start | None, frozen: "Frozen | None") -> None:
     from dronecombat_jax.machine import backend
 
     print("\n".join(backend.banner()))
@@ -110,6 +143,9 @@ def _greet(run: RunDirectory, config: Config, start: Start | None) -> None:
         f"disk: about {estimates.bytes_in_words(disk)} by its end (run.keep = {config.run.keep!r})",
         flush=True,
     )
+    if config.selfplay.opponents:
+        lines = described(config) + (frozen.lines if frozen else [])
+        print("opponents:", *lines, sep="\n  ", flush=True)
     if start is None:
         return
     done = f"{start.iteration * config.steps_per_iteration:,} environment steps per seed"
@@ -141,17 +177,12 @@ def _stopping(progress: Progress) -> Iterator[StopFlag]:
         yield stop
 
 
-def _run(
-    run: RunDirectory | None,
-    config: Config,
-    start: Start | None,
-    saver: Saver | None,
-    stop: StopFlag,
-) -> int:
-    """Prepare, then advance until done or asked to stop; returns the exit code. Without `run`:
-    write nothing.
+def _run(begun: Begun | None, config: Config, stop: StopFlag, saver: Saver | None = None) -> int:
+    """Prepare, then advance until done or asked to stop; returns the exit code. Without a run that
+    has `begun`: write nothing.
     """
-    program, state = _prepare(run, config, start, saver)
+    run = begun.run if begun else None
+    program, state = _prepare(begun, config, saver)
     iteration = int(processes.on_host(state.iteration)[0])
     with ExitStack() as stack:
         with processes.together():
@@ -171,9 +202,7 @@ def _run(
     return EXIT_STOPPED
 
 
-def _prepare(
-    run: RunDirectory | None, config: Config, start: Start | None, saver: Saver | None
-) -> tuple[Program, Any]:
+def _prepare(begun: Begun | None, config: Config, saver: Saver | None) -> tuple[Program, Any]:
     """The program of the run, and the state to go on from, on the devices and on the disk."""
     import jax
 
@@ -182,11 +211,11 @@ def _prepare(
     from dronecombat_jax.selfplay.mesh import place
 
     with processes.together():
-        program = Program(config)
+        program = Program(config, begun.frozen if begun else None)
         combat = program.combat
-        if run and saver:
+        if begun and saver:
             saver.met = environment(config, combat.scene)
-            state = _first_state(run, config, start, saver, combat)
+            state = _first_state(begun.run, config, begun.start, saver, combat)
         else:  # of the same shapes, to be filled by the first process
             shapes = jax.eval_shape(lambda: init_state(combat))
             state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)

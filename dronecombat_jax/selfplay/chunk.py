@@ -21,15 +21,15 @@ from dronecombat_jax.config.fields import Config
 from dronecombat_jax.learn.algorithms import algorithm_of, learn_from, without
 from dronecombat_jax.learn.rollout import Policies, collect
 from dronecombat_jax.learn.sharding import along_environments
-from dronecombat_jax.selfplay import tally
+from dronecombat_jax.selfplay import opponents, tally
 from dronecombat_jax.selfplay.mesh import over_seeds
 from dronecombat_jax.selfplay.pool import (
     NOBODY,
     choose,
+    chunk_rows,
     count_wins,
     init_selfplay,
     lose_live,
-    met,
     players,
     save_players,
 )
@@ -46,6 +46,8 @@ from dronecombat_jax.types import (
     Transition,
     UpdateMetrics,
 )
+
+NO_CAST: opponents.Cast = {}
 
 
 class Purpose(IntEnum):
@@ -84,7 +86,10 @@ def init_state(combat: Combat) -> TrainState:
 
 
 def build_advance(
-    combat: Combat, iterations: int, mesh: jax.sharding.Mesh | None = None
+    combat: Combat,
+    iterations: int,
+    mesh: jax.sharding.Mesh | None = None,
+    cast: opponents.Cast = NO_CAST,
 ) -> Callable[[TrainState], tuple[TrainState, IterationMetrics]]:
     """Return `advance(state) -> (state, metrics)`: `iterations` iterations for every seed.
 
@@ -92,15 +97,19 @@ def build_advance(
     seeds run one after the other, so that each one's products stay plain matrix products and its
     numbers are those it has alone; elsewhere they run side by side, since one alone cannot fill
     such a device, and agree with that to float order (`run.seeds_at_once`). With a `mesh`
-    (`selfplay.mesh`) each row of devices runs its share.
+    (`selfplay.mesh`) each row of devices runs its share. `cast`: the frozen policies of the table
+    of opponents.
     """
     return _for_all_seeds(
-        combat.config, lambda state: advance_iteration(combat, state), iterations, mesh
+        combat.config, lambda state: advance_iteration(combat, state, cast), iterations, mesh
     )
 
 
 def build_flight(
-    combat: Combat, iterations: int, mesh: jax.sharding.Mesh | None = None
+    combat: Combat,
+    iterations: int,
+    mesh: jax.sharding.Mesh | None = None,
+    cast: opponents.Cast = NO_CAST,
 ) -> Callable[[TrainState], tuple[TrainState, Transition]]:
     """Return a function like `advance` that flies and does not learn.
 
@@ -109,7 +118,7 @@ def build_flight(
     """
 
     def fly(state: TrainState) -> tuple[TrainState, Transition]:
-        env, rollout = _collect(combat, state)
+        env, rollout = _collect(combat, state, cast)
         return state.replace(env=env, iteration=state.iteration + 1), jax.tree.map(jnp.sum, rollout)
 
     return _for_all_seeds(combat.config, fly, iterations, mesh)
@@ -137,33 +146,47 @@ def _for_all_seeds(
     return all_seeds if mesh is None else over_seeds(all_seeds, mesh)
 
 
-def advance_iteration(combat: Combat, state: TrainState) -> tuple[TrainState, IterationMetrics]:
+def advance_iteration(
+    combat: Combat, state: TrainState, cast: opponents.Cast = NO_CAST
+) -> tuple[TrainState, IterationMetrics]:
     """One iteration of one seed: fly and learn, in the fights under way or, if so set, in new ones
-    at a chunk's start.
+    at a chunk's start. `cast`: the frozen policies of the table of opponents.
     """
     config = combat.config
     state = begin_chunk(combat, state)
-    env, rollout = _collect(combat, state)
+    env, rollout = _collect(combat, state, cast)
     shuffle = _key(state.seed, state.iteration, Purpose.SHUFFLE)
     learning = jnp.stack([~waits(config, state.iteration), jnp.ones((), bool)])
     if state.selfplay is not None:
         learning &= jnp.arange(NUM_SIDES) != state.selfplay.frozen
     learners, updates = learn_from(
-        config.learn, state.learners, rollout, shuffle, learning, config.solo_envs
+        config.learn, state.learners, rollout, shuffle, learning, opponents.parts(config)
     )
-    selfplay, num_envs = state.selfplay, config.train.num_envs
-    flown, at_each_step = tally.follow(state.flown, rollout, met(selfplay, num_envs))
-    if selfplay is not None:
-        outcomes = jnp.asarray(outcome_table(config.game))[rollout.cause]
-        together = jnp.arange(num_envs) >= config.solo_envs
-        counted = tally.counted(at_each_step, rollout) & together
-        rho = 1.0 - rollout.clock / config.game.episode_steps
-        grade = GRADES[config.selfplay.record]
-        selfplay = count_wins(selfplay, outcomes, counted, rho, grade)
+    flown, at_each_step = tally.follow(
+        state.flown, rollout, opponents.codes(config, state.selfplay)
+    )
+    selfplay, met = _count(config, state.selfplay, rollout, at_each_step)
     rollout, at_each_step = without(config.solo_envs, (rollout, at_each_step))
-    metrics = summarize(config, rollout, at_each_step, updates, selfplay)
+    metrics = summarize(config, rollout, at_each_step, updates, selfplay)._replace(met=met)
     state = state.replace(learners=learners, env=env, flown=flown, selfplay=selfplay)
     return state.replace(iteration=state.iteration + 1), metrics
+
+
+def _count(
+    config: Config, selfplay: SelfPlay | None, rollout: Transition, flown: Flown
+) -> tuple[SelfPlay | None, jax.Array | None]:
+    """Enter the fights of a `rollout` that count into the records of past players, and count them by
+    the table's rows (`opponents.count_outcomes`).
+    """
+    outcomes = jnp.asarray(outcome_table(config.game))[rollout.cause]
+    together = jnp.arange(config.train.num_envs) >= config.solo_envs
+    counted = tally.counted(flown, rollout) & together
+    met = opponents.count_outcomes(config, selfplay, outcomes, counted)
+    if selfplay is not None:
+        rho = 1.0 - rollout.clock / config.game.episode_steps
+        grade, sides = GRADES[config.selfplay.record], opponents.past_sides(config, selfplay)
+        selfplay = count_wins(selfplay, outcomes, counted, rho, grade, sides)
+    return selfplay, met
 
 
 def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
@@ -247,7 +270,9 @@ def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvSt
     )
 
 
-def _collect(combat: Combat, state: TrainState) -> tuple[EnvState, Transition]:
+def _collect(
+    combat: Combat, state: TrainState, cast: opponents.Cast
+) -> tuple[EnvState, Transition]:
     """Fly with those who play in this chunk; a policy for each environment is costly, so live
     chunks go without.
     """
@@ -262,8 +287,9 @@ def _collect(combat: Combat, state: TrainState) -> tuple[EnvState, Transition]:
         )
         return along_environments(env, axis=0), along_environments(rollout, axis=1)
 
-    policies = players(config, state.learners, state.selfplay)
-    if state.selfplay is None or config.selfplay.scope == "chunk":
+    policies = opponents.seats(combat, state.learners, state.selfplay, cast)
+    whole = config.selfplay.scope == "chunk" or not chunk_rows(config)
+    if state.selfplay is None or whole:
         return fly(policies)
     live = players(config, state.learners, None)
     return jax.lax.cond(state.selfplay.frozen == NOBODY, lambda: fly(live), lambda: fly(policies))

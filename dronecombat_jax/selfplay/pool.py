@@ -1,20 +1,25 @@
 """The pool of past players: saving them, drawing from them, playing them, counting wins against
 them.
 
-Everything is arrays in the jitted program. A chunk is either live, and both agents learn, or
-frozen: one role is then played by its past, and only the other learns. What does not live here: the
-weights by which past players are drawn (`samplers`) and the order of events in a chunk (`chunk`).
+Everything is arrays in the jitted program. Past players are rows of the table of opponents
+(`config.opponents`). With rows of chunks, a chunk is either live, and both agents learn, or frozen:
+one role is then played by its past (or another opponent of the table), and only the other learns.
+With rows of environments no chunk is frozen, and each row has its own environments. What does not
+live here: the weights by which past players are drawn (`samplers`), who else is met (`opponents`)
+and the order of events in a chunk (`chunk`).
 """
 
+from dataclasses import replace
 from functools import partial
 
 import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.config.fields import Config, SelfPlayConfig
+from dronecombat_jax.config.opponents import Row, places, table
 from dronecombat_jax.config.own import chosen
 from dronecombat_jax.learn.algorithms import Learners, algorithm_of
-from dronecombat_jax.learn.rollout import Policies, select
+from dronecombat_jax.learn.rollout import select
 from dronecombat_jax.selfplay.samplers import GRADES, SAMPLERS, Grade, Members
 from dronecombat_jax.types import (
     ATTACKER,
@@ -27,25 +32,32 @@ from dronecombat_jax.types import (
 )
 
 NOBODY = -1
+FIXED = (
+    -3
+)  # `SelfPlay.opponent` of row r of chunks that is no past player: FIXED - r; -2 is `tally.MIXED`
 
 
-def past_roles(selfplay: SelfPlayConfig) -> tuple[int, ...]:
+def chunk_rows(config: Config) -> tuple[Row, ...]:
+    """The rows of the table that are drawn for whole chunks."""
+    return tuple(row for row in table(config) if row.of_chunks)
+
+
+def past_roles(config: Config) -> tuple[int, ...]:
     """The roles whose past is played: the opponents of those who meet it."""
-    return {"defender": (ATTACKER,), "attacker": (DEFENDER,), "both": (DEFENDER, ATTACKER)}[
-        selfplay.roles
-    ]
+    return tuple(sorted({row.side for row in table(config) if row.past}))
 
 
 def init_selfplay(config: Config, learners: Learners) -> SelfPlay | None:
-    """Empty pools with a slot for every chunk; None where no past player is ever met. `learners`
+    """Empty pools with a slot for every chunk; None where no opponent is ever drawn. `learners`
     leaves [A, ...].
     """
-    if config.selfplay.probability == 0.0:
+    roles = past_roles(config)
+    if not roles and not chunk_rows(config):
         return None
     slots, policy = config.num_chunks, algorithm_of(config.learn).policy
 
     def empty(role: int) -> Pool | None:
-        if role not in past_roles(config.selfplay):
+        if role not in roles:
             return None
         policies = jax.tree.map(
             lambda leaf: jnp.zeros((slots, *leaf.shape), leaf.dtype),
@@ -107,40 +119,88 @@ def choose(config: Config, state: SelfPlay, chunk: jax.Array, key: jax.Array) ->
     """Draw who is met in chunk `chunk` [] int32; the pools must hold the players of this chunk's
     start.
 
-    With probability p the chunk is frozen; never the first one, nor any of the attacker's head
-    start.
+    With probability p, the sum of their shares, one row of chunks is drawn and the chunk is frozen;
+    never the first one, nor any of the attacker's head start. Without such rows each environment of
+    a past row draws its own member.
     """
-    selfplay = config.selfplay
+    selfplay, rows = config.selfplay, chunk_rows(config)
     coin, lot, *keys = jax.random.split(key, 2 + NUM_SIDES)
-    roles = past_roles(selfplay)
-    role = jnp.asarray(roles, jnp.int32)[jax.random.randint(lot, (), 0, len(roles))]
+    num_envs = state.opponent.shape[0]
+    opponent = jnp.full(num_envs, NOBODY, jnp.int32)
+    if not rows:
+        return state.replace(opponent=_draw_places(config, state, chunk, keys, opponent))
     frozen = (
-        (jax.random.uniform(coin) < selfplay.probability)
+        (jax.random.uniform(coin) < sum(row.share or 0.0 for row in rows))
         & (chunk > 0)
         & (chunk >= config.head_start_chunks)
     )
-    num_envs = state.opponent.shape[0]
+    which = _draw_row(rows, lot)
     shape = () if selfplay.scope == "chunk" else (num_envs,)
-    opponent = jnp.full(num_envs, NOBODY, jnp.int32)
-    for past in roles:
-        pool = state.pools[past]
-        assert pool is not None
-        slots = jnp.broadcast_to(draw(selfplay, pool, chunk + 1, keys[past], shape), (num_envs,))
-        opponent = jnp.where(frozen & (role == past), slots, opponent)
-    return state.replace(frozen=jnp.where(frozen, role, NOBODY), opponent=opponent)
+    for index, row in enumerate(rows):
+        here: jax.Array = jnp.asarray(FIXED - index, jnp.int32)
+        if row.past:
+            here = _draw_past(config, state, row, chunk, keys[row.side], shape)
+        here = jnp.broadcast_to(here, (num_envs,))
+        opponent = jnp.where(frozen & (which == index), here, opponent)
+    side = jnp.asarray([row.side for row in rows], jnp.int32)[which]
+    return state.replace(frozen=jnp.where(frozen, side, NOBODY), opponent=opponent)
 
 
-def players(config: Config, learners: Learners, state: SelfPlay | None) -> Policies:
+def _draw_row(rows: tuple[Row, ...], key: jax.Array) -> jax.Array:
+    """The number [] of one of `rows`, by their shares."""
+    shares = [row.share or 0.0 for row in rows]
+    if len(set(shares)) == 1:
+        return jax.random.randint(key, (), 0, len(rows))
+    return jax.random.categorical(key, jnp.log(jnp.asarray(shares)))
+
+
+def _draw_places(
+    config: Config,
+    state: SelfPlay,
+    chunk: jax.Array,
+    keys: list[jax.Array],
+    opponent: jax.Array,
+) -> jax.Array:
+    """Slots of past players in the environments of past rows; `opponent` [N] elsewhere. `keys` by
+    side.
+    """
+    for index, place in enumerate(places(config)):
+        if place.row is not None and place.row.past:
+            key = jax.random.fold_in(keys[place.row.side], index)
+            shape = (place.stop - place.first,)
+            slots = _draw_past(config, state, place.row, chunk, key, shape)
+            opponent = opponent.at[place.first : place.stop].set(slots)
+    return opponent
+
+
+def _draw_past(
+    config: Config,
+    state: SelfPlay,
+    row: Row,
+    chunk: jax.Array,
+    key: jax.Array,
+    shape: tuple[int, ...],
+) -> jax.Array:
+    """Slots [*shape] int32 of past players of a row, by its own sampler or `selfplay.sampler`."""
+    pool, selfplay = state.pools[row.side], config.selfplay
+    assert pool is not None
+    if row.sampler:
+        selfplay = replace(selfplay, sampler=row.sampler)  # pyright: ignore[reportArgumentType]
+    return draw(selfplay, pool, chunk + 1, key, shape)
+
+
+def players(config: Config, learners: Learners, state: SelfPlay | None) -> tuple[Policy, Policy]:
     """Who flies: the live policies, but for the frozen role a past one.
 
     A past policy's leaves are [...] where one is met by all, and [N, ...] with scope "environment".
     """
     policy = algorithm_of(config.learn).policy
     live = policy(select(learners, DEFENDER)), policy(select(learners, ATTACKER))
-    if state is None:
+    rows = chunk_rows(config)
+    if state is None or not rows:
         return live
     flying = list(live)
-    for role in past_roles(config.selfplay):
+    for role in sorted({row.side for row in rows if row.past}):
         pool = state.pools[role]
         assert pool is not None
         slots = state.opponent[0] if config.selfplay.scope == "chunk" else state.opponent
@@ -162,12 +222,14 @@ def lose_live(config: Config, learners: Learners, state: SelfPlay) -> Learners:
 
 
 def met(state: SelfPlay | None, num_envs: int) -> jax.Array:
-    """Whom the learner meets in each environment, as a code [N] int32: NOBODY for live players,
-    else role and slot.
+    """Whom the learner meets in each environment of a chunk, as a code [N] int32: NOBODY for live
+    players, role and slot of past ones, else FIXED less the number of the row of chunks.
     """
     if state is None:
         return jnp.full(num_envs, NOBODY, jnp.int32)
-    return jnp.where(state.frozen == NOBODY, NOBODY, NUM_SIDES * state.opponent + state.frozen)
+    past = NUM_SIDES * state.opponent + state.frozen
+    code = jnp.where(state.opponent <= FIXED, state.opponent, past)
+    return jnp.where(state.frozen == NOBODY, NOBODY, code)
 
 
 def count_wins(
@@ -176,13 +238,16 @@ def count_wins(
     counted: jax.Array,
     rho: jax.Array,
     grade: Grade = GRADES["win"],
+    sides: jax.Array | None = None,
 ) -> SelfPlay:
     """Enter the fights that count, where `counted` [T, N], with `outcomes` [T, N] (`Outcome`), into
     the records, each by its `grade`.
 
     `rho` [T, N]: 1 - t / T of a fight of t control steps, at most T. The present past player must
-    have flown all of them (`tally.counted`).
+    have flown all of them (`tally.counted`). `sides` [N]: whose past is met in each environment
+    (`opponents.past_sides`); None: the frozen role's in all.
     """
+    sides = state.frozen if sides is None else sides
     pools = []
     for past, pool in enumerate(state.pools):
         if pool is None:
@@ -190,7 +255,7 @@ def count_wins(
             continue
         lost = Outcome.DEFENDER if past == ATTACKER else Outcome.ATTACKER  # the live player's win
         score = grade(outcomes == lost, outcomes == Outcome.DRAW, rho)
-        played = counted & (state.frozen == past)
+        played = counted & (sides == past)
         member = jnp.maximum(state.opponent, 0)
         add = lambda record, counts: record.at[member].add(jnp.sum(counts, axis=0))  # noqa: B023 - used at once
         pools.append(

@@ -16,6 +16,8 @@ from dronecombat_jax.combat.fingerprint import environment
 from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.scripted import PILOTS
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.opponents import learns
+from dronecombat_jax.config.opponents import method as method_of
 from dronecombat_jax.config.schema import build, one_line
 from dronecombat_jax.config.settings import SCHEMA
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
@@ -173,7 +175,12 @@ def _chosen(run: RunDirectory, config: Config, every: int, untrained: bool) -> l
 
 
 def _roles(config: Config) -> tuple[int, ...]:
-    return tuple(role for role in (DEFENDER, ATTACKER) if game_of(config).flies[role])
+    """Those that fly and learn: another opponent in a side's place is no player of this run."""
+    return tuple(
+        role
+        for role in (DEFENDER, ATTACKER)
+        if game_of(config).flies[role] and learns(config, role)
+    )
 
 
 def _contender(
@@ -190,7 +197,7 @@ def _contender(
     """
     name, seed = one_line(run.path.resolve().name), config.train.seed + index
     name = f"{name}/{seed}" if config.train.num_seeds > 1 else name
-    method = "s-ippo" if config.selfplay.probability > 0.0 else "ippo"
+    method = method_of(config)
     chunk = step // config.train.chunk_iterations
     player, identity = None, f"missing:{name}:{chunk}"
     if policies is not None:

@@ -8,6 +8,7 @@ from dronecombat_jax.analysis.panel import EVERY
 from dronecombat_jax.analysis.result import TournamentResult, showings
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.opponents import method
 from dronecombat_jax.config.schema import flatten, one_line, written
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.rundir import RunDirectory
@@ -100,7 +101,7 @@ def _kind(run: str, config: Config, by: str) -> str:
     if by == "run":
         return run
     if by == "method":
-        return "s-ippo" if config.selfplay.probability > 0.0 else "ippo"
+        return method(config)
     if by == "preset":
         return _preset(config)
     return f"{by} = {one_line(written(flatten(config)[by]))}"

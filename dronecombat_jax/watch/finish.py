@@ -8,13 +8,14 @@ import jax
 import numpy as np
 
 from dronecombat_jax.arena.match import policy_pilot, record, start_fights, trajectory
+from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files import metrics
 from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.report.figures import learning_curves
 from dronecombat_jax.report.video import render_fight
-from dronecombat_jax.runs.evaluation import Match, SavedRun, evaluate, is_own, load_run, policies
+from dronecombat_jax.runs.evaluation import Match, SavedRun, evaluate, flown_by, is_own, load_run
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, FightRecord, Policy, Trajectory
 from dronecombat_jax.watch.replay import write_replay
 
@@ -107,10 +108,17 @@ def record_fights(
 ) -> FightRecord:
     """Record fights of one seed's policies flying their mean actions; NumPy leaves."""
 
-    def match(defender: Policy, attacker: Policy, key: jax.Array) -> FightRecord:
-        learn = run.config.learn
-        start_key, fight_key = jax.random.split(key)
-        pilots = (policy_pilot(learn, defender, DEFENDER), policy_pilot(learn, attacker, ATTACKER))
-        return record(run.combat, *pilots, start_fights(run.combat, start_key, fights), fight_key)
+    who, combat = flown_by(run, seed_index), run.combat
 
-    return jax.device_get(jax.jit(match)(*policies(run, seed_index), jax.random.key(seed)))
+    def pilot(policy: Policy | None, role: int) -> Pilot:
+        if policy is None:
+            return build_pilot(str(who[role]), run.config, combat.scene, role)
+        return policy_pilot(run.config.learn, policy, role)
+
+    def match(defender: Policy | None, attacker: Policy | None, key: jax.Array) -> FightRecord:
+        start_key, fight_key = jax.random.split(key)
+        pilots = pilot(defender, DEFENDER), pilot(attacker, ATTACKER)
+        return record(combat, *pilots, start_fights(combat, start_key, fights), fight_key)
+
+    flown = [None if isinstance(flyer, str) else flyer for flyer in who]
+    return jax.device_get(jax.jit(match)(*flown, jax.random.key(seed)))

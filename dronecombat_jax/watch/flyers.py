@@ -11,12 +11,13 @@ from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.scripted import PILOTS
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.fields import Config, LearnConfig
+from dronecombat_jax.config.opponents import stands_for
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.rundir import RunDirectory, find_run
 from dronecombat_jax.policies import shipped
-from dronecombat_jax.runs.evaluation import load_run, policies
+from dronecombat_jax.runs.evaluation import flown_by, load_run
 from dronecombat_jax.runs.resume import newest_start
 from dronecombat_jax.tournaments.contenders import POLICY_SUFFIX, SCRIPTED_PREFIX, find, identity_of
 from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Policy
@@ -120,7 +121,13 @@ def of_run(run: RunDirectory, role: int, chunk: int | None, run_seed: int) -> Fl
     if not 0 <= index < config.train.num_seeds:
         last = first + config.train.num_seeds - 1
         raise UserError(f"{run.path} has seeds {first} to {last}, not {run_seed}")
-    policy = policies(saved, index)[role]
+    policy = flown_by(saved, index)[role]
+    if row := stands_for(config, role):  # what the run trained against
+        normalize = config.learn.normalize_observations
+        identity = policy if isinstance(policy, str) else identity_of(policy, normalize)
+        label = f"{policy} (scripted)" if row.scripted else row.who
+        return Flyer(label, policy, config.learn, identity)
+    assert not isinstance(policy, str)
     name, chunk = run_name(run), saved.iteration // config.train.chunk_iterations
     seeded = f"{name}/{first + index}" if config.train.num_seeds > 1 else name
     steps = saved.iteration * config.steps_per_iteration

@@ -104,7 +104,7 @@ def test_one_fight_in_braxs_own_wrappers_takes_keys_of_either_style():
     assert flown[0].info["steps"].shape == ()
 
 
-@pytest.mark.parametrize("observation", ["world", "ego"])
+@pytest.mark.parametrize("observation", ["world", pytest.param("ego", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("role", [DEFENDER, ATTACKER])
 def test_a_step_is_the_games_own_for_that_role(role: int, observation: str):
     env = make(role, wander, observation=observation)

@@ -26,6 +26,19 @@ def trained(rooms, *args: str) -> Config:
 # train
 
 
+@pytest.mark.parametrize(
+    ("role", "opponents"),
+    [
+        ((), "defender=pilots:ippo-defender"),
+        (("--role", "defender"), "attacker=pilots:ippo-defender"),
+    ],
+)
+def test_against_somebody_is_a_table_of_one_row(rooms, role, opponents):
+    config = trained(rooms, "--against", "pilots:ippo-defender", *role)
+    assert config.selfplay.opponents == opponents and config.run.name == "opponents-duel"
+    assert config.head_start_chunks == 0
+
+
 def test_seeds_are_spread_over_the_cores(rooms):
     assert cli.main(["train", "--train.num-seeds", "4"]) == EXIT_STOPPED
     assert rooms.calls[0] == ("prepare", "auto", 2)
@@ -184,6 +197,11 @@ def test_every_setting_has_a_flag():
         ("--device cuda", "--run.device cuda: must be one of auto, cpu, gpu, tpu"),
         ("--preset duell", '--preset "duell": no such preset; did you mean duel?'),
         ("--preset none.toml", "none.toml: no such file"),
+        ("--role attacker", "--role needs --against OPPONENT"),
+        ("--against x --role pilot", "--role pilot: must be one of defender, attacker"),
+        ("--against x --selfplay.opponents attacker=y", "say the same: write one of them"),
+        ("--against x --selfplay.probability 0.2", "leave selfplay.probability out"),
+        ("--selfplay.opponents attacker=nobody", "only defender=nobody SHARE"),
         ("--fork-chunk 3", "--fork-chunk needs --fork NEW_NAME"),
         (
             "--fork new --fork-chunk 1.5",

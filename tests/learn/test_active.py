@@ -27,11 +27,10 @@ class Updated(NamedTuple):
     metrics: UpdateMetrics
 
 
-RULES = ("out", "grounded")
 LEARN = replace(CONFIG.learn, minibatch_order="sequential", learning_rate=3e-3)
 
 
-@pytest.fixture(scope="module", params=RULES)
+@pytest.fixture(scope="module", params=["out", pytest.param("grounded", marks=pytest.mark.slow)])
 def rollout(request) -> Transition:
     """Toy fights in which drones go down and the fight goes on."""
     config = replace(CONFIG, learn=LEARN, game=replace(CONFIG.game, crash_rule=request.param))

@@ -29,7 +29,8 @@ def toy(monkeypatch, tmp_path) -> SimpleNamespace:
             iteration=np.array([done], np.int32), history=state.history * 3 + done
         ), report
 
-    def prepare(run, config, start, saver):
+    def prepare(begun_run, config, saver):
+        run, start = begun_run.run, begun_run.start
         begun.append(start.iteration if start else 0)
         state = ToyState(iteration=np.zeros(1, np.int32), history=np.ones(3, np.uint64))
         if start is not None:

@@ -37,7 +37,7 @@ METHODS = {
 }
 
 
-@pytest.fixture(scope="module", params=METHODS)
+@pytest.fixture(scope="module", params=["sippo", pytest.param("ippo", marks=pytest.mark.slow)])
 def run(request, tmp_path_factory) -> SimpleNamespace:
     """Six chunks straight, one iteration a call, with checkpoints on the way."""
     config = METHODS[request.param]

@@ -12,7 +12,7 @@ import pytest
 from toy import CONFIG, UNOPTIMISED, Coasting, agent, assert_same_bits, build, differs
 
 from dronecombat_jax.config.fields import SelfPlayConfig
-from dronecombat_jax.learn.algorithms import learn_from
+from dronecombat_jax.learn.algorithms import ALL, learn_from
 from dronecombat_jax.learn.ippo import init_learner
 from dronecombat_jax.learn.rollout import collect, policy_of, select
 from dronecombat_jax.selfplay.chunk import reset_fights
@@ -76,7 +76,7 @@ def test_the_defender_learns_from_nothing_that_happened_without_it(rollout):
     def learnt(rollout: Transition, solo_envs: int):
         both = jnp.ones(2, bool)
         program = lambda learners, rollout: learn_from(
-            learn, learners, rollout, key, both, solo_envs
+            learn, learners, rollout, key, both, (slice(solo_envs, None), ALL)
         )[0]
         after = jax.jit(program, compiler_options=UNOPTIMISED)(learners, rollout)
         return SimpleNamespace(learners=jax.tree.map(lambda leaf: leaf[None], after))

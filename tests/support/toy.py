@@ -13,6 +13,7 @@ import numpy as np
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.fields import Config, GameConfig, LearnConfig, TrainConfig
 from dronecombat_jax.selfplay.chunk import build_advance, init_state
+from dronecombat_jax.selfplay.opponents import Cast
 from dronecombat_jax.types import TrainState
 
 UNOPTIMISED = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
@@ -47,10 +48,10 @@ class Coasting(Combat):
         return position.reshape(-1), qvel
 
 
-def build(config: Config, iterations: int) -> SimpleNamespace:
+def build(config: Config, iterations: int, cast: Cast | None = None) -> SimpleNamespace:
     """The program, how often it was traced, and the state it starts from."""
     combat, traces = Coasting(config), []
-    advance = build_advance(combat, iterations)
+    advance = build_advance(combat, iterations, cast=cast or {})
 
     def counted(state: TrainState):
         traces.append(1)

@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -11,15 +12,15 @@ import policy_files
 import pytest
 from policies import make_info, make_policy
 from refusals import refused
+from saved_runs import TOY, write_run
 from tournaments import from_letters
 
 from dronecombat_jax import rate
-from dronecombat_jax.combat.fingerprint import environment, environment_digest
+from dronecombat_jax.combat.fingerprint import environment_digest
 from dronecombat_jax.config import settings
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.file import save_policy
-from dronecombat_jax.policies.info import metadata_of
 from dronecombat_jax.tournaments import newcomers
 from dronecombat_jax.tournaments.contenders import find
 from dronecombat_jax.tournaments.ladder import Ladder, ladder_text, read_ladder, standing
@@ -27,7 +28,6 @@ from dronecombat_jax.tournaments.newcomers import rated_text
 from dronecombat_jax.types import SIDES
 
 ROOT = Path(__file__).parents[2]
-GAME = environment(settings.load("duel"))
 
 
 def script(path: str) -> ModuleType:
@@ -106,7 +106,7 @@ def test_a_strangers_policy_of_another_network_and_frame_gets_the_same_digits_tw
     )
 
 
-def test_a_policy_of_another_game_is_rated_on_request_alone(tmp_path, monkeypatch):
+def test_a_policy_of_another_game_is_rated_on_request_alone(tmp_path, even):
     file = tmp_path / "other.safetensors"
     other = settings.load("duel", {"game.intercept_radius": 0.3, "game.observation": "ego"})
     save_policy(file, make_policy(), make_info(other))
@@ -116,16 +116,45 @@ def test_a_policy_of_another_game_is_rated_on_request_alone(tmp_path, monkeypatc
     with pytest.raises(UserError, match=line) as error:
         rate(file)
     assert error.value.exit_code == EXIT_DATA and "observation" not in error.value.message
-    flown = lambda combat, side, players, opponents, rules: np.full(
-        (len(players), len(opponents), rules.episodes), 0.5
-    )
-    monkeypatch.setattr(newcomers, "_fly", flown)
     (one,) = rate(file, allow_env_mismatch=True)
     assert "intercept_radius is 0.3 there" in one.notes[0] and one.score == 0.5
 
 
-def shaped(**changes) -> dict[str, str]:
-    return metadata_of(make_info(**changes))
+@pytest.fixture
+def even(monkeypatch) -> None:
+    """Every fight ends in a draw, and none is flown."""
+    draws = lambda combat, side, players, opponents, rules: np.full(
+        (len(players), len(opponents), rules.episodes), 0.5
+    )
+    monkeypatch.setattr(newcomers, "_fly", draws)
+
+
+def test_of_a_run_the_newest_of_both_sides_and_all_seeds_is_rated(tmp_path, even):
+    two = replace(TOY, train=replace(TOY.train, num_seeds=2))
+    run = write_run(tmp_path / "pair", two, chunks=3)
+    rated = rate(run, allow_env_mismatch=True)
+    assert [(one.name, one.role) for one in rated] == [
+        (f"pair/{seed} 3", role) for seed in (4, 5) for role in SIDES
+    ]
+    sides = [len(read_ladder().side(role)) for role in SIDES]
+    assert [one.places for one in rated] == [size + 1 for size in sides] * 2
+    (alone,) = rate(write_run(tmp_path / "one"), role="attacker", allow_env_mismatch=True)
+    assert (alone.name, alone.role) == ("one 3", "attacker")
+
+
+def test_of_the_ladders_own_players_each_is_counted_once(even):
+    (one,) = rate("scripted:weave")
+    assert one.places == len(read_ladder().side("attacker")) and one.worst == ()
+    (twin,) = rate("pilots:sippo-attacker-3")  # of the same content as ippo-attacker-3
+    assert twin.places == one.places
+
+
+def test_a_run_without_a_chunk_and_a_side_that_never_flew_are_one_line(tmp_path):
+    with pytest.raises(UserError, match="no chunk of training is done yet"):
+        rate(write_run(tmp_path / "begun", chunks=0))
+    solo = replace(TOY, game=replace(TOY.game, scenario="solo"))
+    with pytest.raises(UserError, match="flies as attacker alone, not as defender"):
+        rate(write_run(tmp_path / "solo", solo), role="defender")
 
 
 def planted(**tensors) -> dict:

@@ -64,10 +64,16 @@ def is_tournament(path: Path) -> bool:
 
 
 def size_of(path: Path) -> int:
-    """Bytes of a file, or of all files below a folder; links are not followed."""
-    if path.is_symlink() or not path.is_dir():
-        return path.lstat().st_size if os.path.lexists(path) else 0
-    return sum(size_of(Path(entry.path)) for entry in os.scandir(path))
+    """Bytes of a file, or of all files below a folder; links are not followed.
+
+    What goes while it is looked at, as a running run's temporary files do, counts nothing.
+    """
+    try:
+        if path.is_symlink() or not path.is_dir():
+            return path.lstat().st_size
+        return sum(size_of(Path(entry.path)) for entry in os.scandir(path))
+    except FileNotFoundError:
+        return 0
 
 
 def _look(path: Path) -> Item | None:
@@ -97,7 +103,7 @@ def _run(run: RunDirectory) -> Item:
     done = max(saved, *(row["steps"] for row in _last_rows(run.metrics, "iteration")), 0)
     total = config.num_chunks * config.steps_per_chunk if config else 0
     if in_use(run.path):
-        state = RUNNING
+        state, note = RUNNING, ""  # a checkpoint may have gone since, as `run.keep` asks for
     elif note or (fault and newest):
         state = DAMAGED
     elif newest is None:

@@ -1,6 +1,7 @@
 """`dronecombat runs`: what is said of runs, tournaments and policies, and what --prune removes."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -110,6 +111,22 @@ def test_a_run_that_another_process_holds_is_running(made: Path):
     with exclusive_lock(made / "runs" / "stopped"):
         assert by_name(made)["stopped"].state == "running"
     assert by_name(made)["stopped"].state == "stopped"
+
+
+def test_files_that_go_while_a_running_run_is_looked_at_are_no_damage(home: Path, monkeypatch):
+    run, real = home / "runs" / "torn", Path.lstat
+    with exclusive_lock(run):
+        before = by_name(home)["torn"]
+        (run / ".tmp-gone").write_bytes(b"x" * 1000)
+
+        def lstat(path: Path) -> os.stat_result:
+            if path.name == ".tmp-gone":
+                raise FileNotFoundError(2, "No such file or directory")
+            return real(path)
+
+        monkeypatch.setattr(Path, "lstat", lstat)
+        item = by_name(home)["torn"]
+    assert (item.state, item.note) == ("running", "") and item == before
 
 
 def test_tournaments(made: Path):

@@ -60,7 +60,7 @@ QUICK := tests/config tests/files tests/analysis tests/policies tests/combat tes
 test-quick: $(VENV)/.dev ## the tests of the rooms that compile little, about a minute
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(QUICK) $(ARGS)
 
-test-tour: $(VENV)/.dev ## every notebook and every example from top to bottom, at smoke size
+test-tour: $(VENV)/.dev ## pages in a browser, notebooks, examples, a short training
 	$(BIN)/python -m pytest -n 2 -m tour $(ARGS)
 
 test-slow: $(VENV)/.dev ## the tests that take minutes

@@ -10,6 +10,7 @@ import pytest
 
 from dronecombat_jax.cli import (
     commands,
+    exploit,
     inventory,
     machine,
     pilots,
@@ -33,6 +34,7 @@ FLAGS = {
     "train": train.TrainFlags,
     "evaluate": runs.EvaluateFlags,
     "export": runs.ExportFlags,
+    "exploit": exploit.ExploitFlags,
     "tournament": tournaments.TournamentFlags,
     "report": tournaments.ReportFlags,
     "compare": tournaments.CompareFlags,

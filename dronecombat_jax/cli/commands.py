@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
+from dronecombat_jax.cli.exploit import exploit
 from dronecombat_jax.cli.inventory import runs
 from dronecombat_jax.cli.machine import doctor
 from dronecombat_jax.cli.pilots import pilots
@@ -29,6 +30,7 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "train": train,
     "evaluate": evaluate,
     "export": export,
+    "exploit": exploit,
     "tournament": tournament,
     "report": report,
     "compare": compare,

@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 ARGS ?=
 RUN ?=
+SCALE ?= laptop
 PEERS_VENV ?= .venv-peers
 RUNS ?= $(wildcard runs/ippo runs/sippo)
 
@@ -14,7 +15,7 @@ install = echo "installing packages into $(1); what pip says is in $(1)/install.
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo tournament report replay play notebooks docs test test-quick test-tour test-slow check format bench bench-scaling bench-peers clean
+.PHONY: help train-ippo train-sippo tournament report reproduce replay play notebooks docs test test-quick test-tour test-slow check format bench bench-scaling bench-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -31,6 +32,9 @@ tournament: $(VENV)/.runtime ## all checkpoints of runs/ippo and runs/sippo, tho
 
 report: $(VENV)/.runtime ## draw a tournament (ARGS=its folder or name)
 	$(BIN)/dronecombat report $(ARGS)
+
+reproduce: $(VENV)/.runtime ## the paper's experiment, whole or the rest of it (SCALE=smoke, laptop, gpu or paper)
+	$(BIN)/dronecombat reproduce --scale $(SCALE) $(ARGS)
 
 replay: $(VENV)/.runtime ## a page that replays the last run's fights, in a browser if there is one (RUN=name, ARGS="--evolution")
 	$(BIN)/dronecombat replay $(RUN) --open $(ARGS)

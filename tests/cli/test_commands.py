@@ -311,3 +311,43 @@ def test_doctor_gives_its_own_exit_code(rooms):
 
 
 # As a program
+
+
+# exploit
+
+
+def test_exploit_trains_responders_and_stops_with_their_training(rooms):
+    from dronecombat_jax import runs
+
+    def write_policy(plan) -> None:
+        rooms.calls.append(("write_policy", plan.wanted.word))
+
+    rooms.stand_in(runs, "exploit", write_policy=write_policy)
+    words = [
+        "exploit",
+        "scripted:weave",
+        "--role",
+        "attacker",
+        "--budget",
+        "5e5",
+        "--restarts",
+        "2",
+    ]
+    assert cli.main(words) == EXIT_STOPPED
+    prepared, written, (name, config) = rooms.calls
+    assert prepared[0] == "prepare" and written == ("write_policy", "scripted:weave")
+    assert name == "train" and config.selfplay.opponents == "attacker=scripted:weave"
+    assert (config.train.total_steps, config.train.num_seeds) == (500_000, 2)
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        ("exploit", "RUN is missing"),
+        ("exploit ippo --restarts 0", "--restarts 0: must be an integer from 1 to 1024"),
+        ("exploit ippo --budget much", "--budget much: must be a number from 1"),
+    ],
+)
+def test_a_wrong_exploit_is_one_line(rooms, capsys, args, message):
+    (line,) = refused(capsys, *args.split())
+    assert message in line and rooms.calls == []

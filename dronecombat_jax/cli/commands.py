@@ -16,6 +16,7 @@ from dronecombat_jax.cli.pilots import pilots
 from dronecombat_jax.cli.play import play
 from dronecombat_jax.cli.rate import rate
 from dronecombat_jax.cli.replay import replay
+from dronecombat_jax.cli.reproduce import reproduce
 from dronecombat_jax.cli.runs import evaluate, export
 from dronecombat_jax.cli.tournaments import compare, report, tournament
 from dronecombat_jax.cli.train import train
@@ -33,6 +34,7 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "tournament": tournament,
     "report": report,
     "compare": compare,
+    "reproduce": reproduce,
     "replay": replay,
     "pilots": pilots,
     "rate": rate,

@@ -11,9 +11,7 @@ from brax.training.agents.sac import networks as sac_networks
 from brax.training.agents.sac import train as sac
 from brax_views import LENGTH, SIZE, make, wander
 
-from dronecombat_jax.adapters.brax_env import CombatEnv, mend_brax, wrap
-from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config import settings
+from dronecombat_jax.adapters.brax_env import mend_brax, wrap
 from dronecombat_jax.types import ATTACKER
 
 
@@ -72,29 +70,3 @@ def test_braxs_sac_learns_through_it():
     assert sum(metrics[f"eval/episode_{end}"] for end in ("win", "draw", "loss")) == pytest.approx(
         1.0
     )
-
-
-@pytest.mark.slow
-def test_braxs_ppo_learns_to_reach_the_target():
-    """Preset `fast`: the attacker alone, learning from exploring starts, evaluated from rest. No fight
-    hits before.
-    """
-    mend_brax()
-    networks = functools.partial(
-        ppo_networks.make_ppo_networks,
-        policy_hidden_layer_sizes=(64, 64),
-        value_hidden_layer_sizes=(64, 64),
-    )
-    combat = Combat(settings.load("fast", {}))
-    env = CombatEnv(combat, ATTACKER, exploring=True)
-    wins = []
-    ppo.train(
-        env, eval_env=CombatEnv(combat, ATTACKER), num_timesteps=4_000_000,
-        wrap_env_fn=functools.partial(wrap, mask_time_outs=False),  # a time-out is an end, as in `fast`
-        episode_length=env.episode_steps + 1, num_envs=256, unroll_length=24, batch_size=64,
-        num_minibatches=8, num_updates_per_batch=5, num_eval_envs=128, num_evals=9, discounting=0.99,
-        learning_rate=5e-4, entropy_cost=1e-3, reward_scaling=0.1, clipping_epsilon=0.2,
-        max_grad_norm=1.0, normalize_observations=True, seed=0, network_factory=networks,
-        progress_fn=lambda _, metrics: wins.append(float(metrics["eval/episode_win"])),
-    )  # fmt: skip
-    assert wins[0] < 0.1 and wins[-1] > 0.3

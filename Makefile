@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 ARGS ?=
 RUN ?=
+SCALE ?= laptop
 PEERS_VENV ?= .venv-peers
 RUNS ?= $(wildcard runs/ippo runs/sippo)
 
@@ -14,7 +15,7 @@ install = echo "installing packages into $(1); what pip says is in $(1)/install.
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo tournament report replay play notebooks docs test test-quick test-tour test-slow check format bench bench-scaling bench-peers clean
+.PHONY: help train-ippo train-sippo tournament report reproduce replay play notebooks docs test test-quick test-tour test-slow check format bench bench-scaling bench-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -31,6 +32,9 @@ tournament: $(VENV)/.runtime ## all checkpoints of runs/ippo and runs/sippo, tho
 
 report: $(VENV)/.runtime ## draw a tournament (ARGS=its folder or name)
 	$(BIN)/dronecombat report $(ARGS)
+
+reproduce: $(VENV)/.runtime ## the paper's experiment, whole or the rest of it (SCALE=smoke, laptop, gpu or paper)
+	$(BIN)/dronecombat reproduce --scale $(SCALE) $(ARGS)
 
 replay: $(VENV)/.runtime ## a page that replays the last run's fights, in a browser if there is one (RUN=name, ARGS="--evolution")
 	$(BIN)/dronecombat replay $(RUN) --open $(ARGS)
@@ -52,11 +56,11 @@ test: $(VENV)/.dev ## the fast tests, in two processes (ARGS="-n 0": in one)
 # Rooms whose tests compile little: for the loop of editing and testing.
 QUICK := tests/config tests/files tests/analysis tests/policies tests/combat tests/test_architecture.py \
 	tests/learn/test_ppo.py tests/learn/test_networks.py tests/learn/test_normalize.py \
-	tests/selfplay/test_samplers.py tests/cli/test_commands.py tests/cli/test_program.py
+	tests/selfplay/test_samplers.py tests/cli/test_commands.py tests/cli/test_run_commands.py tests/cli/test_program.py
 test-quick: $(VENV)/.dev ## the tests of the rooms that compile little, about a minute
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(QUICK) $(ARGS)
 
-test-tour: $(VENV)/.dev ## every notebook and every example from top to bottom, at smoke size
+test-tour: $(VENV)/.dev ## pages in a browser, notebooks, examples, a short training
 	$(BIN)/python -m pytest -n 2 -m tour $(ARGS)
 
 test-slow: $(VENV)/.dev ## the tests that take minutes

@@ -18,7 +18,7 @@ import numpy as np
 from brax.envs.base import Env, State, Wrapper
 from brax.envs.wrappers.training import EpisodeWrapper, VmapWrapper
 
-from dronecombat_jax.adapters.one_side import WINS, refuse_wrong_number, role_of, time_limit
+from dronecombat_jax.adapters.one_side import WINS, begin, refuse_wrong_number, role_of, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.combat.scripted import Pilot
@@ -42,15 +42,19 @@ class CombatEnv(Env):
     a fight so. `info["key"]` is there because brax's `step` is given no key.
     """
 
-    def __init__(self, combat: Combat, role: int, opponent: Pilot | None = None):
+    def __init__(
+        self, combat: Combat, role: int, opponent: Pilot | None = None, exploring: bool = False
+    ):
         """`opponent` flies the other role; None in the scenario `solo`, where the attacker is
-        alone.
+        alone. `exploring`: fights begin as in training, with up to `train.start_speed`; give
+        `train` an `eval_env` without it.
 
         Raises UserError for a role that is none, and for an opponent too many or too few.
         """
         role = role_of(role)
         refuse_wrong_number(combat, role, int(opponent is not None))
         self.combat, self.role, self._opponent = combat, role, opponent
+        self._exploring = exploring
         self._outcomes = np.asarray(outcome_table(combat.config.game))
 
     @property
@@ -78,7 +82,7 @@ class CombatEnv(Env):
     def reset(self, rng: jax.Array) -> State:
         """A fight about to start, drawn from `rng`: a key, new style or old."""
         start, key = jax.random.split(_typed(rng))
-        fight = self.combat.reset(start)
+        fight = self.begin(start)
         observation = self.observe(fight)
         zero = jnp.zeros(())
         return State(
@@ -117,6 +121,10 @@ class CombatEnv(Env):
             metrics=state.metrics | self._outcome(output),
             info=state.info | info,
         )
+
+    def begin(self, key: jax.Array) -> EnvState:
+        """A fight about to start, drawn from `key`."""
+        return begin(self.combat, key, self._exploring)
 
     def observe(self, fight: EnvState) -> jax.Array:
         """What the learner sees of a fight, [35]."""
@@ -172,7 +180,7 @@ class FreshStarts(Wrapper):
         keys = jax.vmap(jax.random.split)(_typed(state.info["key"]))
         ended = state.done.astype(bool)
         choose = lambda new, old: jnp.where(ended.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-        fight = jax.tree.map(choose, jax.vmap(self._fights.combat.reset)(keys[:, 1]), _fight(state))
+        fight = jax.tree.map(choose, jax.vmap(self._fights.begin)(keys[:, 1]), _fight(state))
         info = state.info | {"key": jax.random.key_data(keys[:, 0])}
         if self._mask_time_outs:
             info["truncation"] = jnp.maximum(info["truncation"], info["time_out"])

@@ -55,9 +55,10 @@ class CombatVectorEnv(VectorEnv):
         opponents: Opponents = None,
         num_envs: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        exploring: bool = False,
     ):
-        """`opponents`: as of `opponents.pilots_of`; None in `solo`. Raises UserError for what cannot
-        be.
+        """`opponents`: as of `opponents.pilots_of`; None in `solo`. `exploring`: fights begin as in
+        training, with up to `train.start_speed`. Raises UserError for what cannot be.
         """
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
             raise UserError(f"num_envs = {num_envs}: a whole number from 1 on is allowed")
@@ -68,7 +69,7 @@ class CombatVectorEnv(VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         pilots = pilots_of(combat, self.role, opponents)
-        self._programs = programs(combat, self.role, pilots, self.autoreset_mode.name)
+        self._programs = programs(combat, self.role, pilots, self.autoreset_mode.name, exploring)
         self._scores = scores(combat, self.role)
         self._bout: Bout | None = None
         self._over = np.zeros(num_envs, bool)

@@ -46,9 +46,13 @@ class OneSide:
     `jax.vmap`.
     """
 
-    def __init__(self, combat: Combat, role: int, pilots: tuple[Pilot, ...]):
-        """`pilots` can be met, each alike often; () in the scenario `solo`."""
-        self.combat, self.role, self.pilots = combat, role, pilots
+    def __init__(
+        self, combat: Combat, role: int, pilots: tuple[Pilot, ...], exploring: bool = False
+    ):
+        """`pilots` can be met, each alike often; () in the scenario `solo`. `exploring`: as of
+        `begin`.
+        """
+        self.combat, self.role, self.pilots, self.exploring = combat, role, pilots, exploring
 
     def start(self, key: jax.Array) -> Bout:
         """A fight about to begin against an opponent newly drawn."""
@@ -56,7 +60,7 @@ class OneSide:
         opponent = jnp.zeros((), jnp.int32)
         if len(self.pilots) > 1:
             opponent = jax.random.randint(opponent_key, (), 0, len(self.pilots), jnp.int32)
-        return Bout(self.combat.reset(spawn_key), key, opponent)
+        return Bout(begin(self.combat, spawn_key, self.exploring), key, opponent)
 
     def observe(self, bout: Bout) -> jax.Array:
         """What the learner sees, [35]."""
@@ -83,6 +87,15 @@ class OneSide:
         seen = self.combat.observe(bout.fight)[None]
         answers = [pilot(alone, seen, key)[0] for pilot in self.pilots]
         return answers[0] if len(answers) == 1 else jnp.stack(answers)[bout.opponent]
+
+
+def begin(combat: Combat, key: jax.Array, exploring: bool) -> EnvState:
+    """A fight about to begin: at rest, or `exploring`, as in training: each drone moves with up to
+    `train.start_speed`.
+    """
+    if not exploring:
+        return combat.reset(key)
+    return combat.explore(combat.draw_exploring(key, ()), jnp.zeros((), bool))
 
 
 def role_of(side: int | str) -> int:

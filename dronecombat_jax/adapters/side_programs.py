@@ -38,14 +38,16 @@ class Programs(NamedTuple):
 
 
 @functools.lru_cache(maxsize=32)
-def programs(combat: Combat, role: int, pilots: tuple[Pilot, ...], mode: str) -> Programs:
+def programs(
+    combat: Combat, role: int, pilots: tuple[Pilot, ...], mode: str, exploring: bool = False
+) -> Programs:
     """The programs by which an ended fight begins anew as `mode` says: SAME_STEP, NEXT_STEP,
     DISABLED.
 
     The fights of a seed are the same in all modes. Environments of the same arguments share the
     programs.
     """
-    side = OneSide(combat, role, pilots)
+    side = OneSide(combat, role, pilots, exploring)
 
     def begin(keys: jax.Array) -> tuple[Bout, jax.Array]:
         bout = jax.vmap(side.start)(keys)

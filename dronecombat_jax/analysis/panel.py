@@ -130,6 +130,24 @@ def cells_needed(defenders: Sequence[Entrant], attackers: Sequence[Entrant]) -> 
     return needed
 
 
+def cross_play_cells(
+    defenders: Sequence[Entrant], attackers: Sequence[Entrant], every: int = EVERY
+) -> NDArray[np.bool_]:
+    """The cells [D, A] of the paper's experiment: every run against itself, all chunks, as the
+    paper rates it, and all runs against each other.
+
+    In the cross-play the scripted pilots take part, and of each run the final players and every
+    n-th chunk's, so that it holds the panel of every final defender.
+    """
+    asked = np.zeros((len(defenders), len(attackers)), bool)
+    own = by_training(defenders), by_training(attackers)
+    for lineage in own[DEFENDER]:
+        rows, columns = ([index for index, _ in side.get(lineage, ())] for side in own)
+        asked[np.ix_(rows, columns)] = True
+    asked[np.ix_(_seats(defenders, every), _seats(attackers, every))] = True
+    return asked
+
+
 def fill_home(table: NDArray[Any], weights: NDArray[Any]) -> NDArray[np.float64]:
     """Fill the NaN cells of `table` [R, G] by row + column, fitted with `weights` [G].
 

@@ -9,12 +9,14 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
+from dronecombat_jax.cli.exploit import exploit
 from dronecombat_jax.cli.inventory import runs
 from dronecombat_jax.cli.machine import doctor
 from dronecombat_jax.cli.pilots import pilots
 from dronecombat_jax.cli.play import play
 from dronecombat_jax.cli.rate import rate
 from dronecombat_jax.cli.replay import replay
+from dronecombat_jax.cli.reproduce import reproduce
 from dronecombat_jax.cli.runs import evaluate, export
 from dronecombat_jax.cli.tournaments import compare, report, tournament
 from dronecombat_jax.cli.train import train
@@ -28,9 +30,11 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "train": train,
     "evaluate": evaluate,
     "export": export,
+    "exploit": exploit,
     "tournament": tournament,
     "report": report,
     "compare": compare,
+    "reproduce": reproduce,
     "replay": replay,
     "pilots": pilots,
     "rate": rate,

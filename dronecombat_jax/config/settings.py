@@ -74,6 +74,14 @@ def from_toml(text: str, source: str) -> Config:
     return _checked(_values(text, source), [], check_machine=False)
 
 
+def checked(config: Config) -> Config:
+    """The same configuration, made by a program: checked as one that was written, and whether this
+    machine can train it. UserError.
+    """
+    given = {key: Given(value, flag(key)) for key, value in flatten(config).items()}
+    return _checked(given, [], check_machine=True)
+
+
 def _machine_problems(config: Config) -> list[preflight.Problem]:
     if opponent_rules.misspelt(config):
         return []  # nobody knows what it would take

@@ -71,9 +71,16 @@ def save_network(
         seed=seed,
         chunk=0,
         steps=steps,
-        package_version=metadata.version("dronecombat-jax"),
-        jax_version=metadata.version("jax"),
+        package_version=_version("dronecombat-jax"),
+        jax_version=_version("jax"),
         config_sha256=hashlib.sha256(to_toml(config).encode()).hexdigest(),
     )
     save_policy(Path(path), Policy(network, spread, scaler), info, force=force)  # pyright: ignore
     return Path(path)
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:  # run from a folder, not installed
+        return "unknown"

@@ -137,7 +137,7 @@ def summary(config: Config, result: FightResult) -> dict[str, Any]:
     table = np.asarray(outcome_table(config.game))
     winners = table[result.cause]
     seconds = result.steps * config.control_dt
-    share = lambda hits: _share(int(np.sum(hits)), fights)
+    share = lambda hits: with_interval(int(np.sum(hits)), fights)
     return {
         "fights": fights,
         "win": {outcome.name.lower(): share(winners == outcome) for outcome in Outcome},
@@ -236,7 +236,7 @@ def report_text(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _share(hits: int, total: int) -> tuple[float, float, float]:
+def with_interval(hits: int, total: int) -> tuple[float, float, float]:
     """The share and its 95 % score interval (Wilson 1927)."""
     interval = stats.binomtest(hits, total).proportion_ci(0.95, method="wilson")
     return hits / total, float(interval.low), float(interval.high)

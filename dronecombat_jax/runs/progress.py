@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from types import TracebackType
 from typing import IO, TYPE_CHECKING, NamedTuple
 
@@ -19,6 +20,15 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
 _LINE_SECONDS = 5.0
+
+
+def _alone(share: float) -> str:
+    """What stands before a line where the work is not part of something larger: nothing."""
+    return ""
+
+
+# Of the share that is done of this piece of work: what stands before its line (`overall`).
+whole: ContextVar[Callable[[float], str]] = ContextVar("whole", default=_alone)
 
 
 class ProgressUpdate(NamedTuple):
@@ -57,6 +67,7 @@ class Progress:
         self.meter = RateMeter(clock)
         self.meter.restart(done_steps)
         self._clock = clock
+        self._whole = whole.get()
         self._stream = sys.stdout if stream is None else stream
         self._shown_at = -math.inf
         self._shown = self.last
@@ -102,7 +113,11 @@ class Progress:
 
     def _show(self) -> None:
         self._shown, self._shown_at = self.last, self._clock()
-        self.message(f"{self.title}: {steps_text(self)}; {outcome_text(self.last)}")
+        self.message(f"{self._before()}{self.title}: {steps_text(self)}; {outcome_text(self.last)}")
+
+    def _before(self) -> str:
+        """How far the larger work is that this one is a piece of; "" where it is none."""
+        return self._whole(min(self.last.steps / max(self.total_steps, 1), 1.0))
 
 
 class TerminalProgress(Progress):
@@ -162,7 +177,8 @@ class TerminalProgress(Progress):
             seconds = self._clock() - self._compiling_since
             status = Text(f"compiling {self._compiling}: {seconds:.0f} s", style="yellow")
         else:
-            status = Text(outcome_text(self.last), no_wrap=True, overflow="ellipsis")
+            text = self._before() + outcome_text(self.last)
+            status = Text(text, no_wrap=True, overflow="ellipsis")
         return Group(row, status)
 
 

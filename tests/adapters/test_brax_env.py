@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from toy import UNOPTIMISED
+from toy import UNOPTIMISED, Coasting
 
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.machine import backend
@@ -20,9 +20,10 @@ backend.import_mjx()  # brax imports it, and lets it print to stdout
 
 from brax.envs.base import Env, State  # noqa: E402
 from brax.envs.wrappers.training import AutoResetWrapper, EpisodeWrapper, EvalWrapper, VmapWrapper  # noqa: E402
-from brax_views import HOLD, LENGTH, SIZE, make, wander  # noqa: E402
+from brax_views import HOLD, LENGTH, SIZE, hold, make, wander  # noqa: E402
 
-from dronecombat_jax.adapters.brax_env import wrap  # noqa: E402
+from dronecombat_jax.adapters.brax_env import CombatEnv, wrap  # noqa: E402
+from dronecombat_jax.config.fields import Config, GameConfig, TrainConfig  # noqa: E402
 
 
 def keys(seed: int = 0) -> jax.Array:
@@ -224,6 +225,16 @@ def test_an_end_is_followed_by_a_fresh_start_and_keeps_its_final_observation(
     assert np.asarray(wrapped.step(state, ACTION).info["steps"]).tolist() == [
         1 if i == 3 else 4 for i in range(SIZE)
     ]
+
+
+def test_exploring_fights_begin_in_motion():
+    combat = Coasting(Config(game=GameConfig(episode_steps=1), train=TrainConfig(start_speed=4.0)))
+    batch = jitted(wrap(CombatEnv(combat, ATTACKER, hold, exploring=True), 1))
+    state = batch.reset(keys())
+    for _ in range(2):
+        fastest = np.abs(state.pipeline_state.qvel).max(axis=0).reshape(2, 6)
+        assert np.all(fastest[:, :2] > 1.0) and not np.any(fastest[:, 2:])
+        state = batch.step(state, ACTION)
 
 
 def test_steps_are_traced_once(wrapped: SimpleNamespace):

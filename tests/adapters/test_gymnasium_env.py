@@ -15,9 +15,11 @@ from side_views import Core, compare
 from toy import UNOPTIMISED, Coasting
 
 from dronecombat_jax.adapters.gymnasium_env import CombatEnv, CombatVectorEnv
+from dronecombat_jax.adapters.opponents import pilots_of
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.scripted import build_pilot
-from dronecombat_jax.config.fields import Config, GameConfig
+from dronecombat_jax.combat.scripted import PILOTS, build_pilot
+from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config, GameConfig, TrainConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause
 
@@ -152,6 +154,32 @@ def test_an_opponent_is_drawn_for_each_fight(duel: Combat):
         seen.append(who)
     assert 0.3 < np.mean(seen[0]) < 0.7 and 0.3 < np.mean(seen[-1]) < 0.7
     assert np.any(seen[0] != seen[-1])
+
+
+def test_opponents_are_named_as_in_a_tournament():
+    combat = Coasting(settings.load("duel", {}))
+    named = ["pilots:sippo-defender", "scripted:hover", "scripted:all"]
+    env = CombatVectorEnv(combat, "attacker", named, 4)
+    assert len(pilots_of(combat, ATTACKER, named)) == 2 + len(PILOTS[DEFENDER])
+    env.reset(seed=0)
+    assert np.isfinite(env.step(np.zeros((4, 4)))[0]).all()
+
+
+def test_exploring_fights_begin_in_motion():
+    combat = Coasting(Config(game=GameConfig(episode_steps=3), train=TrainConfig(start_speed=4.0)))
+    push = np.tile(np.float32([0.5, 0, 0, 0]), (64, 1))
+    for exploring in (False, True):
+        env = CombatVectorEnv(combat, ATTACKER, hold, 64, "SAME_STEP", exploring)
+        env.reset(seed=0)
+        starts = [np.asarray(env.bout.fight.qvel)]
+        for _ in range(3):
+            env.step(push)
+        starts.append(np.asarray(env.bout.fight.qvel))
+        assert np.all(env.bout.fight.clock == 0)
+        for start in starts:
+            fastest = np.abs(start).max(axis=0).reshape(2, 6)
+            assert not np.any(fastest[:, 2:])
+            assert np.all((fastest[:, :2] > 3.0) & (fastest[:, :2] <= 4.0)) == exploring
 
 
 def test_what_is_given_out_is_nobody_elses(duel: Combat):

@@ -6,7 +6,6 @@ from brax_views import LENGTH, hold
 from toy import Coasting
 
 from dronecombat_jax.adapters.gymnasium_env import CombatVectorEnv
-from dronecombat_jax.config import settings
 from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import ATTACKER
@@ -67,22 +66,3 @@ def test_its_wrappers_and_ppo_take_it():
     model.learn(2 * LENGTH * SIZE)
     assert len(model.ep_info_buffer) >= SIZE
     assert all(0 < info["l"] <= LENGTH for info in model.ep_info_buffer)
-
-
-@pytest.mark.slow
-def test_ppo_learns_to_reach_the_target():
-    """Preset `fast`: the attacker alone. The rate of hits rises from almost none."""
-    from dronecombat_jax.combat.env import Combat
-
-    combat = Combat(settings.load("fast", {}))
-    size, steps = 256, 64
-    view = CombatVectorEnv(combat, ATTACKER, None, size, "SAME_STEP")
-    env = VecNormalize(VecMonitor(to_sb3(view)), gamma=0.99)
-    model = PPO(
-        "MlpPolicy", env, n_steps=steps, batch_size=2048, n_epochs=5, gamma=0.99, ent_coef=0.001,
-        learning_rate=3e-4, seed=0, device="cpu",
-    )  # fmt: skip
-    model.learn(size * steps)
-    before = np.mean(model.ep_success_buffer)
-    model.learn(3_000_000)
-    assert before < 0.2 and np.mean(model.ep_success_buffer) > 0.8

@@ -9,7 +9,12 @@ from dronecombat_jax.analysis.compare import (
     compare_methods,
 )
 from dronecombat_jax.analysis.forgetting import at_home
-from dronecombat_jax.analysis.panel import away_panel, cells_needed, fill_home
+from dronecombat_jax.analysis.panel import (
+    away_panel,
+    cells_needed,
+    cross_play_cells,
+    fill_home,
+)
 from dronecombat_jax.analysis.result import Alias
 from dronecombat_jax.types import Cause
 
@@ -118,3 +123,17 @@ def test_what_no_fight_tells_stays_unknown_and_is_no_finding():
     )
     with pytest.raises(ValueError, match="no attacker in common"):
         compare_methods(result)
+
+
+def test_the_papers_experiment_flies_own_round_robins_and_a_thinned_cross_play():
+    """Two seeds of 4 chunks and a pilot a side; every second chunk is in the cross-play."""
+    sides = entrants("d", 2, 4, scripted=1), entrants("a", 2, 4, scripted=1)
+    asked = cross_play_cells(*sides, every=2)
+    in_cross_play = np.asarray([0, 1, 0, 1, 0, 1, 0, 1, 1], bool)
+    expected = np.outer(in_cross_play, in_cross_play)
+    expected[:4, :4] = expected[4:8, 4:8] = True
+    np.testing.assert_array_equal(asked, expected)
+    cause = np.where(asked[..., None], Cause.TIMEOUT, Cause.NONE).astype(np.int8)
+    panel = away_panel(build(cause, *sides), every=2)
+    assert panel.runs == ("ippo#0", "ippo#1") and panel.dropped == () and panel.missing == ()
+    assert panel.fights.tolist() == [3, 3]

@@ -10,7 +10,7 @@ from dronecombat_jax.cli import commands as cli
 from dronecombat_jax.cli import train
 from dronecombat_jax.config import flags, settings
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, EXIT_STOPPED
+from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -236,78 +236,3 @@ def test_the_last_of_two_equal_flags_counts(rooms):
 def test_a_hostile_value_stays_on_one_line(capsys):
     (line,) = refused(capsys, "train", "--seed", "1\nerror: fake \x1b[31m" + "9" * 5000)
     assert line.startswith("--train.seed 1?error: fake ?[31m999") and len(line) < 200
-
-
-# evaluate, doctor
-
-
-def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
-    (tmp_path / "runs" / "mine").mkdir(parents=True)
-    (tmp_path / "elsewhere").mkdir()
-    assert cli.main(["evaluate", "mine"]) == 0
-    assert (
-        cli.main(
-            [
-                "evaluate",
-                "elsewhere",
-                "--fights",
-                "3",
-                "--chunk",
-                "0",
-                "--seed",
-                "9",
-                "--stochastic",
-            ]
-        )
-        == 0
-    )
-    assert rooms.calls == [
-        ("prepare", "auto", 1),
-        ("evaluate", Path("runs/mine"), ("match", 0, 0, False, "", "", ""), None),
-        ("prepare", "auto", 1),
-        ("evaluate", Path("elsewhere"), ("match", 3, 9, True, "", "", ""), 0),
-    ]
-
-
-def test_evaluate_puts_a_scripted_pilot_in_one_place(rooms, tmp_path):
-    (tmp_path / "runs" / "mine").mkdir(parents=True)
-    assert cli.main(["evaluate", "mine", "--attacker", "dash", "--spawn", "fixed"]) == 0
-    assert rooms.calls[1] == (
-        "evaluate",
-        Path("runs/mine"),
-        ("match", 0, 0, False, "", "dash", "fixed"),
-        None,
-    )
-
-
-@pytest.mark.parametrize(
-    ("args", "code", "message"),
-    [
-        ("", EXIT_CONFIG, "RUN is missing: a folder, or a name in runs/"),
-        ("minr", EXIT_DATA, "minr: no such run; did you mean mine?"),
-        ("zzzz", EXIT_DATA, "zzzz: no such run; runs there are: mine"),
-        ("x" * 999, EXIT_DATA, "no such run"),
-        ("mine --fights -1", EXIT_CONFIG, "--fights -1: must be an integer from 0 to 1000000"),
-        ("mine --fights abc", EXIT_CONFIG, "--fights abc: must be an integer from 0 to 1000000"),
-        ("mine --fight 3", EXIT_CONFIG, "--fight: unknown flag; did you mean --fights?"),
-        ("mine other", EXIT_CONFIG, '"other": belongs to no flag'),
-        ("mine\t", EXIT_CONFIG, "RUN: run = "),
-    ],
-)
-def test_a_wrong_evaluation_is_one_line(rooms, capsys, tmp_path, args, code, message):
-    (tmp_path / "runs" / "mine").mkdir(parents=True)
-    (line,) = refused(capsys, "evaluate", *(args.split(" ") if args else ()), code=code)
-    assert message in line
-    assert rooms.calls == []
-
-
-def test_doctor_gives_its_own_exit_code(rooms):
-    assert cli.main(["doctor"]) == 2
-    assert cli.main(["doctor", "--mjcf", "x2.xml"]) == 0
-    assert rooms.calls == [("doctor",), ("doctor_mjcf", "x2.xml")]
-
-
-# The program around the commands
-
-
-# As a program

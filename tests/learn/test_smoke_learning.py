@@ -13,6 +13,7 @@ from dronecombat_jax.types import ATTACKER, DEFENDER, Cause
 
 # Small enough for seconds and well enough conditioned to learn in them: the policy starts near
 # hover (small last layer), and a hit is worth 20, so that the approach reward does not drown in it.
+pytestmark = pytest.mark.tour
 CONFIG = Config(
     game=GameConfig(scenario="solo", episode_steps=200),
     reward=RewardConfig(win=20.0),

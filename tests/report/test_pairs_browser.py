@@ -13,6 +13,7 @@ from dronecombat_jax.report.map_panels import Panel
 from dronecombat_jax.report.pairs_page import PairsMap, pairs_data
 from dronecombat_jax.report.replay_page import pairs_page
 
+pytestmark = pytest.mark.tour
 HOSTILE = "</script><script>alert(1)</script>"
 CELLS = "[...replay.maps[0].box.querySelectorAll('button')]"
 

@@ -16,6 +16,7 @@ from dronecombat_jax.report.play_data import Opponent, game_data, opponent_data
 from dronecombat_jax.report.play_page import page
 from dronecombat_jax.sim.scene import load_scene
 
+pytestmark = pytest.mark.tour
 HOSTILE = "</script><script>alert(1)</script>"
 WIDE, PHONE = (820, 560), (390, 844)  # small pictures: software draws them
 

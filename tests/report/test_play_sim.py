@@ -27,6 +27,7 @@ from dronecombat_jax.report.play_page import page
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.types import SIDES, EnvState
 
+pytestmark = pytest.mark.tour
 HOVER = 2.0 / 1.9 - 1.0  # thrust is the weight there (eq. 7)
 STEPS = 12
 TWISTS = tuple(slice(first, first + 3) for first in range(14, 26, 3))

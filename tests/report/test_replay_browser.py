@@ -12,6 +12,7 @@ from PIL import Image
 
 from dronecombat_jax.watch.replay import Replay
 
+pytestmark = pytest.mark.tour
 HOSTILE = "</script><script>alert(1)</script>"
 WIDE, PHONE = (1280, 800), (390, 844)
 # Where a drone of a fight is on the screen, in CSS pixels of the window.

@@ -125,6 +125,7 @@ def test_each_place_is_flown_by_whom_the_table_says(flown):
     assert np.all(np.asarray(log_prob)[3:, 0] != 0.0) and np.all(np.asarray(log_prob)[:7, 1] != 0.0)
 
 
+@pytest.mark.slow
 def test_nobody_in_a_table_is_the_share_that_flies_alone():
     table = with_table("defender=nobody 0.25")
     share = with_table("")

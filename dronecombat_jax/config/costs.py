@@ -1,0 +1,123 @@
+"""What the paper's experiment costs at a scale: time, memory, disk. Estimates, before it starts.
+
+The rates are those of docs/performance.md. Nothing imports JAX; NumPy measures the machine.
+"""
+
+import time
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+from dronecombat_jax.config.estimates import (
+    ACTION_SIZE,
+    OBSERVATION_SIZE,
+    SIDES,
+    bytes_in_words,
+    estimated_bytes,
+    estimated_disk_bytes,
+    free_bytes,
+)
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.scales import Scale
+from dronecombat_jax.errors import EXIT_CANNOT_WRITE, UserError
+
+SHARE_OF_FLOOR = 0.64  # of the matrix products' rate that a whole training reaches on a CPU
+ITERATION_SECONDS = 0.02  # of a small one: calls, metrics
+CHUNK_SECONDS = 0.5  # to save
+START_SECONDS = 45.0  # of a step: imports, compilation
+FIGHTS_PER_GFLOP = 90.0  # tournament fights a second for each GFLOP/s of the CPU
+SEED_FLOPS, DEVICE_FLOPS = 7e12, 30e12  # of a GPU (H100, H200): one seed, and sixteen or more
+DEVICE_FIGHTS = 80_000.0  # a second
+REPORT_SECONDS_PER_ENTRANT = 0.05
+CELL_BYTES = 3.0  # of a fight's outcome on the disk, in its cell and in the result
+FIGHT_BYTES = 40  # of a fight in memory while a result is made and rated
+CUBE = 1024  # of the product that measures a core
+
+
+class Cost(NamedTuple):
+    """Of the whole experiment."""
+
+    train: float  # s, each run
+    tournament: float  # s
+    report: float  # s
+    memory: int  # bytes, at its largest
+    disk: int  # bytes, at its end
+    steps: int  # environment steps of all runs and seeds
+    fights: int
+
+    @property
+    def seconds(self) -> float:
+        """Of all steps."""
+        return 2 * self.train + self.tournament + self.report
+
+
+def cost_of(scale: Scale, configs: Mapping[str, Config], gflops: float, gpu: bool) -> Cost:
+    """Estimate from the settings of both runs. `gflops`: of this machine's matrix products, all
+    cores; `gpu`: whether a large GPU computes instead.
+    """
+    config = next(iter(configs.values()))
+    seeds, iterations = scale.seeds, scale.chunks * scale.iterations
+    steps = config.steps_per_iteration * iterations * seeds
+    rate = min(SEED_FLOPS * seeds, DEVICE_FLOPS) if gpu else SHARE_OF_FLOOR * gflops * 1e9
+    learning = steps * step_flops(config) / rate
+    overhead = iterations * ITERATION_SECONDS * (1 if gpu else seeds)
+    train = START_SECONDS + scale.chunks * CHUNK_SECONDS + max(learning, overhead)
+    runs = len(configs) * seeds
+    entrants, seats = runs * scale.chunks, runs * -(-scale.chunks // scale.every)
+    cells = runs * scale.chunks**2 + seats**2 * (runs - 1) // runs
+    fights = cells * scale.episodes
+    flying = fights / (DEVICE_FIGHTS if gpu else FIGHTS_PER_GFLOP * gflops)
+    memory = max(estimated_bytes(one) for one in configs.values())
+    disk = sum(estimated_disk_bytes(one) for one in configs.values())
+    return Cost(
+        train=train,
+        tournament=START_SECONDS + flying,
+        report=START_SECONDS + REPORT_SECONDS_PER_ENTRANT * 2 * entrants,
+        memory=max(memory, entrants**2 * scale.episodes * FIGHT_BYTES),
+        disk=disk + int(fights * CELL_BYTES),
+        steps=len(configs) * steps,
+        fights=fights,
+    )
+
+
+def step_flops(config: Config) -> float:
+    """Floating-point operations of matrix products for one environment step of both learners.
+
+    A product of n x m weights takes 2 n m; a pass forward in the rollout, and in each epoch one
+    forward and two backward, but for the observations, which have no gradient.
+    """
+    total = 0
+    for last in (ACTION_SIZE, 1):
+        sizes = (OBSERVATION_SIZE, *config.learn.hidden_sizes, last)
+        layers = [2 * rows * columns for rows, columns in pairwise(sizes)]
+        total += sum(layers) + config.learn.epochs * (3 * sum(layers) - layers[0])
+    return float(SIDES * total)
+
+
+def measured_gflops(cores: int) -> float:
+    """GFLOP/s of single-precision products on all `cores`: one core, times them.
+
+    In seconds of its own: what others do on the machine now is not in it.
+    """
+    import numpy as np
+
+    matrix = np.ones((CUBE, CUBE), np.float32)
+    product = np.empty_like(matrix)
+    best = float("inf")
+    for _ in range(4):
+        start = time.thread_time()
+        np.matmul(matrix, matrix, out=product)
+        best = min(best, time.thread_time() - start)
+    return 2e-9 * CUBE**3 / best * cores
+
+
+def require_disk(cost: Cost, folder: Path) -> None:
+    """UserError 73 where the disk of `folder` has less than the experiment needs."""
+    free = free_bytes(folder)
+    if free is not None and free < cost.disk:
+        raise UserError(
+            f"{folder}: the experiment needs about {bytes_in_words(cost.disk)} of disk, and "
+            f"{bytes_in_words(free)} are free; a smaller --scale, or another folder, needs less",
+            EXIT_CANNOT_WRITE,
+        )

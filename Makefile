@@ -56,7 +56,7 @@ test: $(VENV)/.dev ## the fast tests, in two processes (ARGS="-n 0": in one)
 # Rooms whose tests compile little: for the loop of editing and testing.
 QUICK := tests/config tests/files tests/analysis tests/policies tests/combat tests/test_architecture.py \
 	tests/learn/test_ppo.py tests/learn/test_networks.py tests/learn/test_normalize.py \
-	tests/selfplay/test_samplers.py tests/cli/test_commands.py tests/cli/test_program.py
+	tests/selfplay/test_samplers.py tests/cli/test_commands.py tests/cli/test_run_commands.py tests/cli/test_program.py
 test-quick: $(VENV)/.dev ## the tests of the rooms that compile little, about a minute
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(QUICK) $(ARGS)
 

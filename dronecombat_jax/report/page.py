@@ -25,7 +25,8 @@ nav a { margin-right: 1rem; white-space: nowrap } a { color: #005a8e }
 details { margin: .6rem 0 } summary { cursor: pointer; font-weight: 600 }
 .wide { overflow-x: auto; max-height: 32rem; overflow-y: auto } table { border-collapse: collapse; font-size: .82rem }
 th, td { padding: .2rem .55rem; border-bottom: 1px solid #e3e3e3; text-align: right; white-space: nowrap }
-th { position: sticky; top: 0; background: #f5f5f5 } td.text, th.text { text-align: left; max-width: 22rem; overflow: hidden; text-overflow: ellipsis }
+th { position: sticky; top: 0; background: #f5f5f5 } .claims td { text-align: left; white-space: normal; vertical-align: top } .claims td:last-child { font-weight: 600 }
+td.text, th.text { text-align: left; max-width: 22rem; overflow: hidden; text-overflow: ellipsis }
 """
 
 
@@ -37,6 +38,17 @@ class Picture(NamedTuple):
     about: str
     png: bytes
     links: str = ""  # markup that lies over it
+
+
+class Claims(NamedTuple):
+    """The table of the paper's claims, and how to read it; without rows there is none."""
+
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    notes: Sequence[str]
+
+
+NO_CLAIMS = Claims((), (), ())
 
 
 def with_links(picture: Picture, areas: Sequence[Area]) -> Picture:
@@ -58,9 +70,10 @@ def page(
     gaps: Sequence[str],
     pictures: Sequence[Picture],
     tables: Sequence[Table],
+    claims: Claims = NO_CLAIMS,
 ) -> str:
     """The page; every text is foreign and is escaped. `verdict`: sentences, and the numbers behind
-    them.
+    them; `claims`: the paper's, beside ours.
     """
     links = "".join(
         f'<a href="#{escape(picture.name)}">{escape(picture.heading)}</a> ' for picture in pictures
@@ -79,6 +92,7 @@ def page(
         parts.append(
             f"<details><summary>The numbers</summary><pre>{escape(numbers)}</pre></details>"
         )
+    parts += _claims(claims)
     if gaps:
         parts += [
             "<h2>What is missing, and what to know</h2>",
@@ -107,6 +121,21 @@ def _picture(picture: Picture) -> str:
         f'src="data:image/png;base64,{data}">{picture.links}</div>\n<figcaption><p>{_text(picture.about)} '
         f"Files: {_text(' and '.join(map(str, files_of(picture))))}.</p></figcaption></figure>"
     )
+
+
+def _claims(claims: Claims) -> list[str]:
+    if not claims.rows:
+        return []
+    head = "".join(f'<th class="text">{_text(name)}</th>' for name in claims.columns)
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{_text(value)}</td>" for value in row) + "</tr>"
+        for row in claims.rows
+    )
+    return [
+        "<h2 id='claims'>The paper's claims</h2>",
+        f'<table class="claims"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>',
+        *(f"<p>{_text(note)}</p>" for note in claims.notes),
+    ]
 
 
 def _table(table: Table) -> str:

@@ -16,6 +16,7 @@ from dronecombat_jax.analysis.verdict_text import verdict_json, verdict_text
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.files.plain import one_line, records, to_csv, to_json
+from dronecombat_jax.report.claims_report import write_claims
 from dronecombat_jax.report.cyclic_figure import cyclic_discs
 from dronecombat_jax.report.figures import save_figure
 from dronecombat_jax.report.flight_figure import flight_over_time, flight_table
@@ -140,9 +141,10 @@ def write_report(
     written.append(out / "tables" / "scores.csv")
     write_atomic(written[-1], score_matrix(studied))
     verdict, gaps = _verdict(result, studied, out, every)
-    html = page(
-        title, _summary(result), verdict, [*notes, *studied.missing, *gaps, *gap], pictures, made
-    )
+    told, files = write_claims(studied, out / "tables", every)
+    written += files
+    known = [*notes, *studied.missing, *gaps, *gap]
+    html = page(title, _summary(result), verdict, known, pictures, made, told)
     write_atomic(out / "report.html", html)
     return [out / "report.html", *written]
 

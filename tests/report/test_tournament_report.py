@@ -103,3 +103,21 @@ def test_nowhere_to_write(tmp_path):
     with pytest.raises(UserError, match="cannot write") as raised:
         write_report(planted(1, 1, 1), tmp_path / "file", "nowhere", effort=QUICK)
     assert raised.value.exit_code == EXIT_CANNOT_WRITE
+
+
+def test_the_papers_claims_are_on_the_page_and_in_files(tmp_path):
+    write_report(planted(2, 4, 4), tmp_path, "planted", effort=QUICK, every=2)
+    html = (tmp_path / "report.html").read_text()
+    section = html.split("id='claims'")[1].split("</table>")[0]
+    assert section.count("<tr>") == 7 and "IPPO&#x27;s attackers rate above" in section
+    told = json.loads((tmp_path / "tables/claims.json").read_text())
+    assert len(told) == 6 and {claim["verdict"] for claim in told} == {"undecided"}
+    assert (tmp_path / "tables/claims.md").read_text().startswith("| claim | paper | ours |")
+
+
+def test_a_tournament_of_other_methods_has_no_claims(tmp_path):
+    sides = entrants("d", 1, 2, ("ippo", "else")), entrants("a", 1, 2, ("ippo", "else"))
+    cause = np.full((4, 4, 1), Cause.TIMEOUT, np.int8)
+    write_report(build(cause, *sides), tmp_path, "others", effort=QUICK)
+    assert "id='claims'" not in (tmp_path / "report.html").read_text()
+    assert not (tmp_path / "tables/claims.json").exists()

@@ -59,6 +59,26 @@ class Drones(NamedTuple):
     rate: jax.Array  # [..., A, 3] rad/s, BODY frame
 
 
+class Drawn(struct.PyTreeNode):
+    """How a fight's drones differ from the nominal body: factors [A], 1 where they do not."""
+
+    mass: jax.Array
+    inertia: jax.Array
+    thrust: jax.Array  # thrust and moments for a command
+    lag: jax.Array
+    drag: jax.Array
+    battery: jax.Array
+
+
+class Craft(struct.PyTreeNode):
+    """What drones of a fight have beyond rigid bodies; None where a game is flown without it."""
+
+    speeds: jax.Array | None = None  # [A, 4] of the rotors, over that of full thrust
+    drawn: Drawn | None = None
+    wind: jax.Array | None = None  # [3] m/s, world frame
+    word: jax.Array | None = None  # [] uint32, what this fight's gusts and noise are hashed from
+
+
 class EnvState(struct.PyTreeNode):
     """One fight. All that a scan has to carry: 31 floats, a clock and two flags."""
 
@@ -67,6 +87,7 @@ class EnvState(struct.PyTreeNode):
     target: jax.Array  # [3] m
     clock: jax.Array  # [] int32, control steps since the start
     out: jax.Array  # [A] bool, the drone is down (or absent) and lies where it is
+    craft: Craft | None = None  # None: two ideal rigid bodies
 
 
 class StepOutput(NamedTuple):

@@ -9,14 +9,18 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.sim.flight import principal_axes
+from dronecombat_jax.sim.inverse import Ask, asking, full_thrust
 from dronecombat_jax.sim.rotation import rotate_inverse
 from dronecombat_jax.sim.scene import Scene
 
 # Closed-loop pole of the attitude per control step: 0 is deadbeat, at 1 nothing happens.
 POLE = 0.4
+# The same where rotors lag: slower, as moments come late and are small.
+POLE_WITH_ROTORS = 0.75
 # The thrust keeps at least this much lift, over gravity: with less, a drone has to roll over before
 # it can brake.
 MIN_LIFT = 0.15
@@ -30,6 +34,7 @@ VELOCITY_GAIN = 5.0  # 1/s, well below the attitude's bandwidth
 class Airframe(NamedTuple):
     """What the controller knows of one drone and of the clock."""
 
+    mass: float  # kg
     gravity: float  # m/s^2
     max_force: float  # full thrust over mass, m/s^2
     momentum: Callable[[jax.Array], jax.Array]  # of rates [..., 3] rad/s, body frame: kg m^2/s
@@ -38,6 +43,7 @@ class Airframe(NamedTuple):
     rate_gain: float  # 1/s
     spin_gain: float  # 1/s, about the body's z axis, whose heading is left alone
     floor: float  # m, the lowest altitude that guidance may ask for
+    ask: Ask | None = None  # None: the action is the ideal wrench
 
 
 def airframe(config: Config, scene: Scene, role: int) -> Airframe:
@@ -50,28 +56,43 @@ def airframe(config: Config, scene: Scene, role: int) -> Airframe:
     """
     sim, step = config.sim, config.control_dt
     gravity = float(scene.weight[role] / scene.mass[role])
-    gap = 1.0 - POLE
+    ideal = sim.actuation == "wrench"
+    gap = 1.0 - (POLE if ideal else POLE_WITH_ROTORS)
+    most = sim.thrust_to_weight * gravity
+    if not ideal:
+        # as a float32, whose square `attainable` may subtract from itself
+        most = full_thrust(sim, float(scene.weight[role])) / float(scene.mass[role])
+        most = float(np.float32(most))
     inertia = jnp.asarray(scene.inertia[role], jnp.float32)
     inwards, outwards = principal_axes(scene, role)
     return Airframe(
+        mass=float(scene.mass[role]),
         gravity=gravity,
-        max_force=sim.thrust_to_weight * gravity,
+        max_force=most,
         momentum=lambda rate: outwards(inertia * inwards(rate)),
         moment_scale=max(sim.moment_scale, 1e-9),
         attitude_gain=gap**2 / step**2,
         rate_gain=(2.0 * gap - gap**2 * (sim.substeps + 1) / (2 * sim.substeps)) / step,
         spin_gain=gap / step,
         floor=config.game.crash_altitude + FLOOR_MARGIN,
+        ask=None if ideal else asking(sim, scene, role),
     )
 
 
-def steer(body: Airframe, quaternion: jax.Array, rate: jax.Array, force: jax.Array) -> jax.Array:
+def steer(
+    body: Airframe,
+    quaternion: jax.Array,
+    rate: jax.Array,
+    force: jax.Array,
+    speeds: jax.Array | None = None,
+) -> jax.Array:
     """Action [E, 4] that turns the thrust to `force` [E, 3], a wanted thrust over mass in m/s^2,
     world frame.
 
     Thrust is the wanted force along the present body z. The moment turns body z towards it on the
     shortest way (Lee, Leok, McClamroch 2010, without a heading) and cancels the gyroscopic torque.
-    `quaternion` [E, 4], `rate` [E, 3] rad/s in the body frame.
+    `quaternion` [E, 4], `rate` [E, 3] rad/s in the body frame; `speeds` [E, 4] of the rotors, where
+    they are flown.
     """
     wanted = rotate_inverse(quaternion, force)
     level = jnp.stack([-wanted[:, 1], wanted[:, 0]], axis=-1)  # e_z x wanted
@@ -82,6 +103,8 @@ def steer(body: Airframe, quaternion: jax.Array, rate: jax.Array, force: jax.Arr
     tilt = body.attitude_gain * angle * axis - body.rate_gain * rate[:, :2]
     acceleration = jnp.concatenate([tilt, -body.spin_gain * rate[:, 2:]], axis=-1)
     moment = body.momentum(acceleration) + jnp.cross(rate, body.momentum(rate))
+    if body.ask is not None and speeds is not None:
+        return jnp.clip(body.ask(body.mass * wanted[:, 2], moment, rate, speeds), -1.0, 1.0)
     thrust = 2.0 * wanted[:, 2:] / body.max_force - 1.0
     return jnp.clip(jnp.concatenate([thrust, moment / body.moment_scale], axis=-1), -1.0, 1.0)
 

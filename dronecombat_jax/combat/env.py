@@ -14,6 +14,12 @@ from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import detect, forfeit, timeout_decides
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.machine import jax_variables
+from dronecombat_jax.sim.craft import (
+    CraftStep,
+    build_craft_step,
+    num_draws,
+    spawn_craft,
+)
 from dronecombat_jax.sim.flight import Step, build_step, split
 from dronecombat_jax.sim.scene import Scene, load_scene
 from dronecombat_jax.types import NUM_AGENTS, Cause, EnvState, StepOutput
@@ -50,22 +56,35 @@ class Combat:
             # constants, also where that is inside a traced function
             return build_step(self.config.sim, self.scene)
 
+    @cached_property
+    def _fly_craft(self) -> CraftStep:
+        """The same for drones that are more than ideal rigid bodies (`sim.craft`)."""
+        with jax.ensure_compile_time_eval():
+            return build_craft_step(self.config.sim, self.scene)
+
     def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
-        """Uniform numbers `[*shape, 9]` in [0, 1), enough to `spawn` that many fights."""
-        return jax.random.uniform(key, (*shape, POSITION_DRAWS))
+        """Uniform numbers `[*shape, 9]` in [0, 1), enough to `spawn` that many fights.
+
+        More where something of the drones is drawn, too (`sim.craft.num_draws`).
+        """
+        return jax.random.uniform(key, (*shape, POSITION_DRAWS + num_draws(self.config)))
 
     def draw_exploring(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
-        """The same for `explore`: `[*shape, 13]`, or `[*shape, 9]` where exploring starts are off."""
+        """The same for `explore`: 4 more at the end, where exploring starts are on."""
         moving = self.config.train.start_speed > 0.0
-        return jax.random.uniform(key, (*shape, POSITION_DRAWS + moving * VELOCITY_DRAWS))
+        spawning = POSITION_DRAWS + num_draws(self.config)
+        return jax.random.uniform(key, (*shape, spawning + moving * VELOCITY_DRAWS))
 
     def spawn(self, draws: jax.Array) -> EnvState:
-        """A fight about to start, from `draws` [9] in [0, 1).
+        """A fight about to start, from `draws` of `draw`.
 
         In `solo` the attacker flies alone; the defender stands still at its start and takes no
         part.
         """
         game = self.config.game
+        craft = spawn_craft(self.config, self.scene, draws[POSITION_DRAWS:])
+        if craft is not None:
+            draws = draws[:POSITION_DRAWS]
         draws = draws.reshape(3, 3)
         altitude = game.spawn_altitude_low + draws[:, 2] * (
             game.spawn_altitude_high - game.spawn_altitude_low
@@ -90,6 +109,7 @@ class Combat:
             target=positions[NUM_AGENTS],
             clock=jnp.zeros((), jnp.int32),
             out=self.game.absent,
+            craft=craft,
         )
 
     def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
@@ -100,12 +120,13 @@ class Combat:
         starts (Sutton and Barto, section 5.3). The fights that count, in evaluations and
         tournaments, `spawn` at rest.
         """
-        state = self.spawn(draws[:POSITION_DRAWS])
+        spawning = POSITION_DRAWS + num_draws(self.config)
+        state = self.spawn(draws[:spawning])
         state = state.replace(out=state.out | jnp.stack([alone, jnp.zeros((), bool)]))
         if self.config.train.start_speed == 0.0:
             return state
         over_ground = self.config.train.start_speed * (
-            2.0 * draws[POSITION_DRAWS:].reshape(NUM_AGENTS, 2) - 1.0
+            2.0 * draws[spawning:].reshape(NUM_AGENTS, 2) - 1.0
         )
         over_ground = jnp.where(state.out[:, None], 0.0, over_ground)
         return state.replace(
@@ -133,7 +154,13 @@ class Combat:
         game = self.config.game
         before = split(state.qpos, state.qvel)
         invalid = ~jnp.all(jnp.isfinite(action), axis=-1) & ~state.out
-        qpos, qvel = self._fly(state.qpos, state.qvel, jnp.where(jnp.isfinite(action), action, 0.0))
+        given = jnp.where(jnp.isfinite(action), action, 0.0)
+        if state.craft is None:
+            (qpos, qvel), craft = self._fly(state.qpos, state.qvel, given), None
+        else:
+            qpos, qvel, craft = self._fly_craft(
+                state.qpos, state.qvel, state.craft, state.clock, given
+            )
         sane = _sane(qpos) & _sane(qvel)
         qpos = jnp.where(sane & ~jnp.repeat(state.out, 7), qpos, _tame(state.qpos))
         qvel = jnp.where(sane & ~jnp.repeat(state.out, 6), qvel, 0.0)
@@ -150,7 +177,7 @@ class Combat:
         # A drone that goes down stays where it is, at rest.
         down = jnp.where(sane, events.down, state.out)
         at_rest = jnp.where(jnp.repeat(down, 6), 0.0, qvel)
-        after = state.replace(qpos=qpos, qvel=at_rest, clock=clock, out=down)
+        after = state.replace(qpos=qpos, qvel=at_rest, clock=clock, out=down, craft=craft)
         truncated = (cause == Cause.TIMEOUT) & (not timeout_decides(game))
         output = StepOutput(
             observation=self.observe(after),

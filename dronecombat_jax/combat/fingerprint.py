@@ -6,10 +6,11 @@ and learning are no part of the game that a trained policy meets.
 
 import hashlib
 import json
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from dronecombat_jax.combat.observe import observation_of
-from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.fields import Config, RandomiseConfig
 from dronecombat_jax.config.schema import flatten
 from dronecombat_jax.config.settings import SCHEMA
 
@@ -20,37 +21,52 @@ if TYPE_CHECKING:
 ENVIRONMENT_VERSION = 1
 # Settings that came later. With these values the game is what it was without them, so they are left
 # out, and the digest stays the same.
-_LATER = {"game.spawn_spread": 0.0, "game.defender_spread": 0.0}
+_LATER = {
+    "game.spawn_spread": 0.0,
+    "game.defender_spread": 0.0,
+    "sim.actuation": "wrench",
+    "sim.drag": False,
+    "sim.gust_speed": 0.0,
+    "sim.gust_time": 1.0,
+    "sim.battery": 0.0,
+    **{f"randomise.{item.name}": 0.0 for item in fields(RandomiseConfig)},
+}
 # The clock of a training run's first fights: no fight between trained policies begins with it.
 _TRAINING_ONLY = ("game.random_clock",)
 # Where a scene's file lies. What it says is in the keys of `scene.`: moved, it is the same game.
 _PLACES = ("sim.mjcf",)
 SCENE = "scene."
+# Sections whose settings a policy meets.
+_MET = ("sim.", "game.", "randomise.")
 
 
 def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
     """What a trained policy meets, as plain JSON by dotted key.
 
-    Version, observation, settings of `sim` and `game`, and as `scene.KEY` each number of the scene
-    that is not the package's own. `scene`: as it was loaded for `config`; without it the MJCF is
+    Version, observation, settings of `sim`, `game` and `randomise`, as `rotors.KEY` the numbers of
+    rotors and drag where they are flown, and as `scene.KEY` each number of the scene that is not
+    the package's own. `scene`: as it was loaded for `config`; without it the MJCF is
     read anew. Raises UserError where it cannot be.
     """
     from dronecombat_jax.sim.flown import differences  # MuJoCo, which a policy file can do without
+    from dronecombat_jax.sim.rotors import described, flies_rotors
     from dronecombat_jax.sim.source import flown_of
 
     values = flatten(config)
     met = [
         key
         for key in SCHEMA
-        if key.startswith(("sim.", "game."))
+        if key.startswith(_MET)
         and key not in (*_TRAINING_ONLY, *_PLACES)
         and values[key] != _LATER.get(key)
     ]
-    fields = [list(field) for field in observation_of(config).fields]
+    seen = [list(field) for field in observation_of(config).fields]
+    rotors = described(config.sim.body) if flies_rotors(config.sim) else {}
     return {
         "version": ENVIRONMENT_VERSION,
-        "observation_fields": fields,
+        "observation_fields": seen,
         **{key: SCHEMA[key].normal(values[key]) for key in met},  # 1 and 1.0 are the same setting
+        **rotors,
         **differences(scene.flown if scene else flown_of(config.sim), config.sim.body),
     }
 

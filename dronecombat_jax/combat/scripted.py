@@ -97,7 +97,9 @@ def _pilot(role: int, guidance: Guidance, body: Airframe, step: float) -> Pilot:
         situation = _situation(drones, role, state.target, state.clock * step)
         wanted = guidance(body, situation)
         force = attainable(body, situation.position[:, 2], situation.velocity[:, 2], wanted)
-        return steer(body, drones.quaternion[:, role], drones.rate[:, role], force)
+        speeds = None if state.craft is None else state.craft.speeds
+        mine = None if speeds is None else speeds[:, role]
+        return steer(body, drones.quaternion[:, role], drones.rate[:, role], force, mine)
 
     return act
 

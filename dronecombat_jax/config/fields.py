@@ -7,7 +7,12 @@ JAX. What does not: reading TOML, merging flags and reporting errors (`settings`
 from dataclasses import dataclass, field
 
 from dronecombat_jax.config import opponents
-from dronecombat_jax.config.game_fields import GameConfig, RewardConfig, SimConfig
+from dronecombat_jax.config.game_fields import (
+    GameConfig,
+    RandomiseConfig,
+    RewardConfig,
+    SimConfig,
+)
 from dronecombat_jax.config.setting import setting
 from dronecombat_jax.config.training_fields import (
     LearnConfig,
@@ -20,6 +25,7 @@ __all__ = [
     "Config",
     "GameConfig",
     "LearnConfig",
+    "RandomiseConfig",
     "RewardConfig",
     "RunConfig",
     "SelfPlayConfig",
@@ -34,6 +40,7 @@ class Config:
     """A whole run. Defaults < preset file < command-line flags."""
 
     sim: SimConfig = field(default_factory=SimConfig)
+    randomise: RandomiseConfig = field(default_factory=RandomiseConfig)
     game: GameConfig = field(default_factory=GameConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
     learn: LearnConfig = field(default_factory=LearnConfig)

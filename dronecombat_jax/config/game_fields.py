@@ -13,8 +13,28 @@ from dronecombat_jax.config.setting import setting
 class SimConfig:
     """Flight: one rigid body per drone, stepped by MJX."""
 
-    body: Literal["isaac", "firmware", "menagerie", "p250"] = setting(
-        "isaac", "mass and inertia of both drones (isaac: the composite of Isaac's cf2x)"
+    body: Literal["isaac", "firmware", "menagerie", "p250", "upgrade", "brushless", "racer"] = (
+        setting("isaac", "mass, inertia and rotors of both drones (docs/how_to/real_drone.md)")
+    )
+    actuation: Literal["wrench", "rotors", "mixed", "ctbr"] = setting(
+        "wrench",
+        "what an action is: the paper's ideal thrust and moments; four rotors' thrusts; thrust and "
+        "moments mixed to four rotors; collective thrust and body rates",
+    )
+    drag: bool = setting(False, "linear drag of the body in the air")
+    gust_speed: float = setting(
+        0.0, "gusts: deviation of each component of the wind", unit="m/s", low=0.0, high=20.0
+    )
+    gust_time: float = setting(
+        1.0, "gusts: time in which the wind forgets itself", unit="s", low=0.01, high=100.0
+    )
+    battery: float = setting(
+        0.0,
+        "a cell's voltage at rest, which drops under load and bounds thrust (4.2: full, 3.5: nearly "
+        "empty); 0: an ideal battery",
+        unit="V",
+        low=0.0,
+        high=4.35,
     )
     mjcf: str = setting(
         "", "MJCF of a drone or a scene of your own (docs/own_drone.md); empty: the package's"
@@ -38,6 +58,21 @@ class SimConfig:
         "implicit",
         "gyroscopic torque: backward Euler, or MuJoCo's explicit term (diverges when tumbling)",
     )
+
+
+@dataclass(frozen=True)
+class RandomiseConfig:
+    """How far the drones of a fight may differ from the nominal body, as a share of its number.
+
+    Drawn for each fight and side, uniformly on both sides of it. Commands keep the nominal scale.
+    """
+
+    mass: float = setting(0.0, "of the mass", low=0.0, high=0.9)
+    inertia: float = setting(0.0, "of the inertia", low=0.0, high=0.9)
+    thrust: float = setting(0.0, "of thrust and moments for a command", low=0.0, high=0.9)
+    lag: float = setting(0.0, "of the rotors' lag", low=0.0, high=0.9)
+    drag: float = setting(0.0, "of the drag", low=0.0, high=0.9)
+    battery: float = setting(0.0, "of the battery's voltage at rest", low=0.0, high=0.9)
 
 
 @dataclass(frozen=True)

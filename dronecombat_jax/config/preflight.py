@@ -105,6 +105,36 @@ def _flight(config: Config) -> Iterator[Problem]:
             f"sim.body = {config.sim.body} is a mass and inertia for the package's drone; "
             "with sim.mjcf both come out of the file: leave sim.body out",
         )
+    yield from _actuation(config)
+
+
+def _actuation(config: Config) -> Iterator[Problem]:
+    sim, ideal = config.sim, config.sim.actuation == "wrench"
+    if sim.mjcf and (not ideal or sim.drag):
+        key = "sim.drag" if ideal else "sim.actuation"
+        value = "true" if ideal else sim.actuation
+        yield Problem(
+            (key, "sim.mjcf"),
+            f"{key} = {value} needs the rotors' numbers of a sim.body; with sim.mjcf it must be left out",
+        )
+    if ideal and sim.battery:
+        yield Problem(
+            ("sim.battery", "sim.actuation"),
+            f"sim.battery = {sim.battery:g} needs rotors: sim.actuation must be rotors, mixed or ctbr",
+        )
+    if sim.battery and sim.body == "racer":
+        yield Problem(
+            ("sim.battery", "sim.body"),
+            f"sim.battery = {sim.battery:g}: no battery is known for sim.body = racer; it must be 0",
+        )
+    absent = {"lag": ideal, "drag": not sim.drag, "battery": not sim.battery}
+    for name in ("lag", "drag", "battery"):
+        if absent[name] and (share := getattr(config.randomise, name)):
+            needed = "sim.actuation other than wrench" if name == "lag" else f"sim.{name}"
+            yield Problem(
+                (f"randomise.{name}", f"sim.{'actuation' if name == 'lag' else name}"),
+                f"randomise.{name} = {share:g} needs {needed}, or there is nothing to vary",
+            )
 
 
 def _game(config: Config) -> Iterator[Problem]:

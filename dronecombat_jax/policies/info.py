@@ -19,7 +19,13 @@ from dronecombat_jax.types import ACTION_SIZE, SIDES
 FORMAT = "dronecombat-policy"
 FORMAT_VERSION = 1
 ACTIVATION = "elu"
-ACTION_FIELDS = ("thrust", "moment_x", "moment_y", "moment_z")  # body frame (`sim.flight.wrench`)
+_WRENCH = ("thrust", "moment_x", "moment_y", "moment_z")  # body frame (`sim.flight.wrench`)
+ACTION_FIELDS = {  # by `sim.actuation`
+    "wrench": _WRENCH,
+    "mixed": _WRENCH,
+    "rotors": ("rotor_front_right", "rotor_back_right", "rotor_back_left", "rotor_front_left"),
+    "ctbr": ("thrust", "rate_x", "rate_y", "rate_z"),
+}
 ACTION_CLIP = 1.0  # what the game does to an action before it flies it
 _ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._+-]{0,99}")
 _WHOLE = re.compile(r"0|[1-9][0-9]{0,17}")
@@ -47,6 +53,11 @@ class PolicyInfo(NamedTuple):
         return self.environment["game.observation"]
 
     @property
+    def actuation(self) -> str:
+        """What an action is: a key of `ACTION_FIELDS`."""
+        return self.environment.get("sim.actuation", "wrench")  # files from before it lack it
+
+    @property
     def control_dt(self) -> float:
         """Seconds per control step."""
         return self.environment["sim.timestep"] * self.environment["sim.substeps"]
@@ -70,7 +81,7 @@ def metadata_of(info: PolicyInfo) -> dict[str, str]:
         "normalize_observations": json.dumps(info.normalize_observations),
         "normalization_clip": repr(CLIP),
         "normalization_epsilon": repr(EPSILON),
-        "action_fields": json.dumps(ACTION_FIELDS),
+        "action_fields": json.dumps(ACTION_FIELDS[info.actuation]),
         "action_clip": repr(ACTION_CLIP),
         "control_dt": repr(info.control_dt),
         "environment": canonical(info.environment),
@@ -140,6 +151,9 @@ def _environment(metadata: dict[str, str]) -> dict[str, Any]:
     if (seen := game["game.observation"]) not in OBSERVATIONS:  # a file never names code to run
         known = ", ".join(OBSERVATIONS)
         raise ValueError(f"metadata environment: game.observation = {shown(seen)}: not {known}")
+    if (given := game.get("sim.actuation", "wrench")) not in ACTION_FIELDS:
+        fault = SCHEMA["sim.actuation"].problem(given)
+        raise ValueError(f"metadata environment: sim.actuation = {shown(given)}: {fault}")
     return game
 
 

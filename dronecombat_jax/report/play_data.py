@@ -18,6 +18,7 @@ from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.report.replay_data import WINNERS, who_and_why
+from dronecombat_jax.sim.craft import is_ideal
 from dronecombat_jax.sim.fluid import drags
 from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import NUM_AGENTS, Cause, Policy
@@ -38,6 +39,11 @@ def refuse_unknown_game(config: Config) -> None:
     game = config.game
     if game.scenario == "solo":
         raise UserError("game.scenario = solo: a person needs somebody to fly against: a duel")
+    if not is_ideal(config):
+        raise UserError(
+            "the page flies ideal rigid bodies alone: not sim.actuation, sim.drag, sim.gust_speed or "
+            "randomise of another kind. dronecombat replay shows such fights"
+        )
     known = {"scenario": game_of(config) is DUEL, "observation": game.observation in OBSERVATIONS}
     for what in (what for what, is_known in known.items() if not is_known):
         name = one_line(getattr(game, what))

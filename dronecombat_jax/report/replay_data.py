@@ -15,6 +15,8 @@ from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.report.video import CAPTIONS, finite_part
+from dronecombat_jax.sim.actuation import SIGNS
+from dronecombat_jax.sim.inverse import full_thrust
 from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_AGENTS, SIDES, Cause, Outcome, Trajectory
 
@@ -61,6 +63,7 @@ class Rules(NamedTuple):
     weight: tuple[float, float]  # N, by role
     winners: tuple[Outcome, ...]  # by `Cause`
     alone: bool  # the attacker flies alone
+    four_thrusts: bool = False  # an action is four rotors' thrusts
 
 
 def rules_of(config: Config, scene: Scene) -> Rules:
@@ -71,11 +74,24 @@ def rules_of(config: Config, scene: Scene) -> Rules:
         intercept_radius=game.intercept_radius,
         reach_radius=game.reach_radius,
         crash_altitude=game.crash_altitude,
-        thrust=(config.sim.thrust_to_weight * weight[0], config.sim.thrust_to_weight * weight[1]),
+        thrust=(_full_thrust(config, weight[0]), _full_thrust(config, weight[1])),
         weight=weight,
         winners=outcome_table(game),
         alone=not game_of(config).flies[DEFENDER],
+        four_thrusts=config.sim.actuation == "rotors",
     )
+
+
+def _full_thrust(config: Config, weight: float) -> float:
+    """N at full command; that of rotors where they are flown."""
+    if config.sim.actuation == "wrench":
+        return config.sim.thrust_to_weight * weight
+    return full_thrust(config.sim, weight)
+
+
+def as_sticks(action: np.ndarray) -> np.ndarray:
+    """Four rotors' thrusts [..., 4] as a page shows actions: collective, and shares of the moments."""
+    return np.concatenate([action.mean(axis=-1, keepdims=True), action @ SIGNS / 4.0], axis=-1)
 
 
 def replay_data(title: str, about: str, fights: Sequence[Fight], rules: Rules) -> dict[str, Any]:
@@ -144,7 +160,7 @@ def fight_data(fight: Fight, rules: Rules, most: int) -> dict[str, Any]:
             "time": end,
         },
         "events": _events(trajectory, cause, winner, rules),
-        "states": _pack(trajectory, kept, extent, fastest),
+        "states": _pack(trajectory, kept, extent, fastest, rules),
     }
 
 
@@ -154,7 +170,9 @@ def _kept(states: int, most: int) -> np.ndarray:
     return np.unique(np.append(np.arange(0, states, every), states - 1))
 
 
-def _pack(trajectory: Trajectory, kept: np.ndarray, extent: float, fastest: float) -> str:
+def _pack(
+    trajectory: Trajectory, kept: np.ndarray, extent: float, fastest: float, rules: Rules
+) -> str:
     """Base64 of little-endian int16 [T, A, 14], in shares of their scale.
 
     Position 3, quaternion wxyz 4, velocity 3, action 4.
@@ -162,6 +180,8 @@ def _pack(trajectory: Trajectory, kept: np.ndarray, extent: float, fastest: floa
     poses = trajectory.qpos.reshape(-1, NUM_AGENTS, 7)[kept]
     velocities = trajectory.qvel.reshape(-1, NUM_AGENTS, 6)[kept, :, :3]
     actions = np.nan_to_num(np.asarray(trajectory.action, float)[kept])
+    if rules.four_thrusts:
+        actions = as_sticks(actions)
     parts = [poses[..., :3] / extent, poses[..., 3:], velocities / fastest, actions]
     shares = np.clip(np.concatenate(parts, axis=-1), -1.0, 1.0)
     return base64.b64encode(np.rint(STEPS * shares).astype("<i2").tobytes()).decode()

@@ -10,6 +10,7 @@ from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.claim import rescue_run, still_there
 from dronecombat_jax.files.rundir import RunDirectory
+from dronecombat_jax.runs.opponents import Frozen, keep
 from dronecombat_jax.runs.past_players import Players, filled_slots
 from dronecombat_jax.runs.progress import Progress
 from dronecombat_jax.runs.provenance import describe
@@ -29,6 +30,7 @@ class Saver:
         self.refused: UserError | None = None
         self._players = Players(run.checkpoints)
         self.met: dict[str, Any] | None = None  # the environment that is flown, once it is loaded
+        self.frozen: Frozen | None = None  # the policies that it trains against
 
     def save(self, state: Any) -> None:
         """Save `state` (NumPy leaves); the step is the number of iterations done.
@@ -42,6 +44,8 @@ class Saver:
                 f"the run's directory has gone; checkpoints go to {self.run.path} from now on"
             )
             write_atomic(self.run.config, settings.to_toml(self.config))
+            if self.frozen is not None:
+                keep(self.run, self.frozen)
         try:
             self.save_now(state)
             self._remove_others(int(state.iteration[0]))

@@ -76,6 +76,7 @@ def train(config: Config, fork_of: str | None = None, chunk: int | None = None) 
                 progress = stack.enter_context(make_progress(begun.run.name, total, done * steps))
                 stop = stack.enter_context(_stopping(progress))
                 saver = Saver(begun.run, config, progress, begun.more_meta)
+                saver.frozen = begun.frozen
                 code = _run(begun, config, stop, saver)
     return EXIT_STOPPED if stop else code  # a signal may have come after the last look at it
 

@@ -33,7 +33,7 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
     weight = jnp.asarray(scene.weight, jnp.float32)
     full_thrust = sim.thrust_to_weight * weight
     in_fluid = drags(scene.flown) if scene.flown.in_fluid else None
-    push, turn = _pushing(sim, scene, in_fluid), _turning(sim, scene, in_fluid)
+    push, turn = _pushing(sim, scene, in_fluid), build_turn(sim, scene)
 
     def substep(qpos: jax.Array, qvel: jax.Array, thrust: jax.Array, moment: jax.Array):
         drones = split(qpos, qvel)
@@ -53,12 +53,13 @@ def build_step(sim: SimConfig, scene: Scene) -> Step:
     return step
 
 
-def _turning(sim: SimConfig, scene: Scene, in_fluid: tuple[Drag, Drag] | None) -> Turn:
-    """`turn(rate [A, 3], moment [A, 3])`: the torque [A, 3] to apply, in the bodies' frames.
+def build_turn(sim: SimConfig, scene: Scene) -> Turn:
+    """Return `turn(rate [A, 3], moment [A, 3])`: the torque [A, 3] to apply, in the bodies' frames.
 
     The integrator adds MuJoCo's explicit gyroscopic torque; here come drag and what makes both
     implicit.
     """
+    in_fluid = drags(scene.flown) if scene.flown.in_fluid else None
     inertia = jnp.asarray(scene.inertia, jnp.float32)
     inwards, outwards = principal_axes(scene)
     implicit = sim.gyroscopic == "implicit"

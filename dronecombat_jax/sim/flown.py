@@ -16,12 +16,18 @@ ALIGNED = (1.0, 0.0, 0.0, 0.0)  # principal axes that are the body's own
 # Mass in kg and inertia in kg m^2 about the body's axes, for `sim.body`; "isaac" is what
 # mjcf/combat.xml says. firmware: bitcraze/crazyflie-firmware, CF_MASS of platform_defaults_cf2.h
 # (0.029 since the 2.1+, 0.027 before) and J of controller_lee.c (identified by J. Foerster, ETH
-# Zurich, 2015).
+# Zurich, 2015). upgrade: the firmware's mass with the thrust upgrade kit, and the same J, as none is
+# published for it. brushless: CF_MASS of platform_defaults_cf21bl.h (with guards, 350 mAh and the
+# Lighthouse deck); J of utiasDSL/drone-models, data/params.toml, cf21B_500. racer: Agilicious'
+# Kingfisher, parameters/quads/kingfisher.yaml. Their rotors: `rotors`.
 BODIES: dict[str, tuple[float, tuple[float, float, float]]] = {
     "isaac": (0.0282, (2.1236e-5, 2.1320e-5, 3.5412e-5)),
     "firmware": (0.029, (1.6571710e-5, 1.6655602e-5, 2.9261652e-5)),
     "menagerie": (0.027, (2.3951e-5, 2.3951e-5, 3.2347e-5)),
     "p250": (0.0318, (1.68e-5, 1.68e-5, 2.98e-5)),
+    "upgrade": (0.0325, (1.6571710e-5, 1.6655602e-5, 2.9261652e-5)),
+    "brushless": (0.0393, (2.5e-5, 2.8e-5, 4.9e-5)),
+    "racer": (0.752, (2.5e-3, 2.1e-3, 4.3e-3)),
 }
 
 _SIGNIFICANT = 10  # digits that are compared: the last ones of a float64 depend on the processor

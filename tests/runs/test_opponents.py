@@ -1,6 +1,7 @@
 """Frozen policies that a run trains against: named in many ways, kept in its folder, proven."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,17 +11,21 @@ import pytest
 from saved_runs import TOY, write_run
 from tiny import CHUNK, COMMAND, STEPS, finish
 from tiny import train as begin
+from toy_training import ToyState
 
 from dronecombat_jax.config import flags, settings
 from dronecombat_jax.config.fields import Config, SelfPlayConfig
 from dronecombat_jax.config.opponents import table
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.files import checkpoint, metrics
+from dronecombat_jax.files.claim import claim_run
 from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.policies.file import load_policy
 from dronecombat_jax.runs.evaluation import Match, flown_by, load_run, play
 from dronecombat_jax.runs.export import export
 from dronecombat_jax.runs.opponents import keep, kept_policy, read_kept, read_named
+from dronecombat_jax.runs.progress import Progress
+from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.types import ATTACKER, DEFENDER
 
 
@@ -98,6 +103,23 @@ def test_copies_are_kept_and_proven(home, tmp_path):
     refused(run, config, meta, "defender-1.safetensors")
     copy.unlink()
     refused(run, config, meta, "the run was trained against it")
+
+
+def test_a_run_whose_folder_has_gone_takes_its_opponents_along(home, tmp_path):
+    """Else it could not go on from where it was rescued to."""
+    config = against(f"defender={home}/defender.safetensors")
+    config = replace(config, run=replace(config.run, name="gone", directory=str(tmp_path)))
+    frozen = read_named(config)
+    state = ToyState(iteration=np.array([2], np.int32), history=np.ones(3, np.uint64))
+    with claim_run(str(tmp_path), "gone") as run:
+        keep(run, frozen)
+        saver = Saver(run, config, Progress("gone", 1), frozen.meta)
+        saver.frozen = frozen
+        shutil.rmtree(run.path)
+        saver.save(state)
+    assert saver.run.path != run.path
+    manifest = checkpoint.verify(saver.run.checkpoints, 2)
+    assert same(read_kept(saver.run, config, manifest.meta).cast, frozen.cast)
 
 
 def refused(run: RunDirectory, config: Config, meta: dict, message: str) -> None:

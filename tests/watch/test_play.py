@@ -109,6 +109,14 @@ def test_a_drone_of_ones_own_is_in_the_data(tmp_path: Path):
     np.testing.assert_array_equal(body["axes"], scene.axes[ATTACKER])
 
 
+def test_drones_with_rotors_are_refused_in_one_line():
+    opponents = read_opponents(("scripted:dash",))
+    real = replace(Config(), sim=replace(Config().sim, body="firmware", actuation="rotors"))
+    with pytest.raises(UserError, match="ideal rigid bodies alone") as raised:
+        room.play_data(opponents._replace(config=real))
+    assert raised.value.exit_code == EXIT_CONFIG and "\n" not in raised.value.message
+
+
 def test_every_end_has_its_sentence():
     ends = room.play_data(read_opponents(("scripted:dash",)))["game"]["ends"]
     assert len(ends) == len(Cause)

@@ -1,0 +1,191 @@
+"""One control step of drones that are more than ideal rigid bodies: rotors with lag, drag, gusts,
+and numbers drawn for the fight.
+
+What does not live here: the paper's drone (`flight.build_step`), what an action asks of rotors
+(`actuation`), the numbers (`rotors`). Commands are scaled by the nominal body, the physics by the
+drawn one: a drone heavier than its controller thinks sinks on the command for hover.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.config.fields import Config, SimConfig
+from dronecombat_jax.sim import noise
+from dronecombat_jax.sim.actuation import (
+    ACTUATIONS,
+    advance_speeds,
+    collect,
+    hover_speeds,
+    plant_of,
+    thrusts_of,
+)
+from dronecombat_jax.sim.flight import build_turn, limit_rate, principal_axes, split, wrench
+from dronecombat_jax.sim.fluid import Drag, drags
+from dronecombat_jax.sim.physics import build_physics
+from dronecombat_jax.sim.rotation import body_z, rotate, rotate_inverse
+from dronecombat_jax.sim.rotors import ROTORS
+from dronecombat_jax.sim.scene import Scene
+from dronecombat_jax.types import NUM_AGENTS, Craft, Drawn, Drones
+
+# (qpos [14], qvel [12], craft, clock [], action [A, 4]) -> (qpos, qvel, craft)
+CraftStep = Callable[
+    [jax.Array, jax.Array, Craft, jax.Array, jax.Array], tuple[jax.Array, jax.Array, Craft]
+]
+# (action [A, 4], rate [A, 3], craft) -> thrust [A] N, moment [A, 3] N m, craft
+Drive = Callable[[jax.Array, jax.Array, Craft], tuple[jax.Array, jax.Array, Craft]]
+# (drones, thrust [A], craft) -> force to apply [A, 3] N, world frame
+Push = Callable[[Drones, jax.Array, Craft], jax.Array]
+
+
+def is_ideal(config: Config) -> bool:
+    """Whether the drones are rigid bodies under an ideal wrench and nothing else."""
+    sim = config.sim
+    return sim.actuation == "wrench" and not sim.drag and not sim.gust_speed and not _drawn(config)
+
+
+def num_draws(config: Config) -> int:
+    """Uniform numbers that `spawn_craft` needs for a fight."""
+    return NUM_AGENTS * len(_names()) * _drawn(config) + (config.sim.gust_speed > 0.0)
+
+
+def spawn_craft(config: Config, scene: Scene, draws: jax.Array) -> Craft | None:
+    """The craft at a fight's start, from `draws` [num_draws] in [0, 1); None: `is_ideal`.
+
+    Rotors begin at the nominal speed of hover, the wind at rest.
+    """
+    if is_ideal(config):
+        return None
+    sim, size = config.sim, NUM_AGENTS * len(_names())
+    drawn = word = None
+    if _drawn(config):
+        centred = 2.0 * draws[:size].reshape(len(_names()), NUM_AGENTS) - 1.0
+        ranges = [getattr(config.randomise, name) for name in _names()]
+        drawn = Drawn(*(1.0 + share * row for share, row in zip(ranges, centred, strict=True)))
+    if sim.gust_speed:
+        word = noise.word_of(draws[-1])
+    return Craft(
+        speeds=None if sim.actuation == "wrench" else hover_speeds(plant_of(sim, scene)),
+        drawn=drawn,
+        wind=jnp.zeros(3) if sim.gust_speed else None,
+        word=word,
+    )
+
+
+def build_craft_step(sim: SimConfig, scene: Scene) -> CraftStep:
+    """Return `step(qpos [14], qvel [12], craft, clock [], action [A, 4]) -> (qpos, qvel, craft)`,
+    one control step of one scene.
+
+    The action is clipped to [-1, 1]; vmap over environments is the caller's.
+    """
+    advance = build_physics(scene)
+    drive, push, turn = _driving(sim, scene), _pushing(sim, scene), build_turn(sim, scene)
+
+    def substep(qpos: jax.Array, qvel: jax.Array, craft: Craft, action: jax.Array):
+        drones = split(qpos, qvel)
+        thrust, moment, craft = drive(action, drones.rate, craft)
+        if craft.drawn is not None:
+            # I k w' = k (m / k - w x I w): what a scaled inertia does to moments, the rest is alike
+            moment = moment / craft.drawn.inertia[:, None]
+        torque = turn(drones.rate, moment)
+        applied = jnp.concatenate([push(drones, thrust, craft), torque], axis=-1).reshape(-1)
+        qpos, qvel = advance(qpos, qvel, applied)
+        return qpos, limit_rate(qvel, sim.max_body_rate), craft
+
+    def step(
+        qpos: jax.Array, qvel: jax.Array, craft: Craft, clock: jax.Array, action: jax.Array
+    ) -> tuple[jax.Array, jax.Array, Craft]:
+        action = jnp.clip(action, -1.0, 1.0)
+        craft = _gust(sim, craft, clock)
+        again = lambda state, _: (substep(state[0], state[1], state[2], action), None)
+        state, _ = jax.lax.scan(again, (qpos, qvel, craft), length=sim.substeps, unroll=True)
+        return state
+
+    return step
+
+
+def _driving(sim: SimConfig, scene: Scene) -> Drive:
+    """What the actuation gives in a substep, drawn thrust included; rotors move on first."""
+    command, plant = ACTUATIONS[sim.actuation], plant_of(sim, scene)
+
+    def factor(craft: Craft) -> jax.Array | float:
+        return 1.0 if craft.drawn is None else craft.drawn.thrust
+
+    def ideal(action: jax.Array, rate: jax.Array, craft: Craft):
+        thrust, moment = wrench(action, plant.full_thrust, sim.moment_scale)
+        scale = factor(craft) * jnp.ones_like(thrust)
+        return scale * thrust, scale[:, None] * moment, craft
+
+    def by_rotors(action: jax.Array, rate: jax.Array, craft: Craft):
+        assert craft.speeds is not None and command is not None
+        wanted = command(plant, action, rate, craft.speeds)
+        lag = voltage = None
+        if craft.drawn is not None:
+            lag, voltage = craft.drawn.lag[:, None], sim.battery * craft.drawn.battery[:, None]
+        speeds = advance_speeds(
+            plant.rotors,
+            craft.speeds,
+            wanted,
+            sim.timestep,
+            1.0 if lag is None else lag,
+            sim.battery if voltage is None or not sim.battery else voltage,
+        )
+        thrust, moment = collect(plant.rotors, thrusts_of(plant.rotors, speeds))
+        scale = factor(craft) * jnp.ones_like(thrust)
+        return scale * thrust, scale[:, None] * moment, craft.replace(speeds=speeds)
+
+    return ideal if command is None else by_rotors
+
+
+def _pushing(sim: SimConfig, scene: Scene) -> Push:
+    """The force to apply, so that MJX, which knows the nominal mass m, accelerates as the drawn one.
+
+    (m' + h d) a = f + d(v) + m' g with the drag d(v), implicit by its slope d; applied is m (a - g).
+    """
+    mass = jnp.asarray(scene.mass, jnp.float32)[:, None]
+    gravity = jnp.asarray([0.0, 0.0, -scene.flown.gravity])
+    fluid = drags(scene.flown)[0] if scene.flown.in_fluid else None
+    still = jnp.asarray(scene.flown.wind, jnp.float32)
+    inwards, outwards = principal_axes(scene)
+
+    def push(drones: Drones, thrust: jax.Array, craft: Craft) -> jax.Array:
+        heavy = mass if craft.drawn is None else mass * craft.drawn.mass[:, None]
+        if fluid is None and not sim.drag:
+            return (mass / heavy * thrust[:, None]) * body_z(drones.quaternion)
+        into = lambda vector: inwards(rotate_inverse(drones.quaternion, vector))
+        air = still if craft.wind is None else still + craft.wind
+        drag, slope = _resistance(sim, fluid, craft).resist(into(drones.velocity - air))
+        weight = into(jnp.broadcast_to(gravity, drones.velocity.shape))
+        force = thrust[:, None] * inwards(jnp.asarray([[0.0, 0.0, 1.0]] * NUM_AGENTS))
+        sped = (force + drag + heavy * weight) / (heavy + sim.timestep * slope)
+        return rotate(drones.quaternion, outwards(mass * (sped - weight)))
+
+    return push
+
+
+def _resistance(sim: SimConfig, fluid: Drag | None, craft: Craft) -> Drag:
+    """Drag of the fluid of an MJCF, and that of the body, along the principal axes."""
+    viscous = jnp.zeros((NUM_AGENTS, 3)) if fluid is None else fluid.viscous
+    quadratic = jnp.zeros((NUM_AGENTS, 3)) if fluid is None else fluid.quadratic
+    if sim.drag:  # with bodies whose principal axes are their own
+        own = jnp.broadcast_to(jnp.asarray(ROTORS[sim.body].drag), (NUM_AGENTS, 3))
+        viscous = viscous + (own if craft.drawn is None else craft.drawn.drag[:, None] * own)
+    return Drag(viscous, quadratic)
+
+
+def _gust(sim: SimConfig, craft: Craft, clock: jax.Array) -> Craft:
+    """The wind of the next control step: an Ornstein-Uhlenbeck process, exact in its steps."""
+    if craft.wind is None or craft.word is None:
+        return craft
+    kept = jnp.exp(-sim.timestep * sim.substeps / sim.gust_time)
+    fresh = noise.normals(craft.word, clock, noise.GUSTS, 3)
+    return craft.replace(wind=kept * craft.wind + sim.gust_speed * jnp.sqrt(1.0 - kept**2) * fresh)
+
+
+def _drawn(config: Config) -> bool:
+    return any(getattr(config.randomise, name) for name in _names())
+
+
+def _names() -> list[str]:
+    return list(Drawn.__dataclass_fields__)

@@ -23,7 +23,7 @@ from dronecombat_jax.config.fields import (
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files import checkpoint
 from dronecombat_jax.runs import evaluation
-from dronecombat_jax.runs.evaluation import Match, _share, file_name, load_run, play, summary
+from dronecombat_jax.runs.evaluation import Match, file_name, load_run, play, summary, with_interval
 from dronecombat_jax.selfplay.chunk import init_state
 from dronecombat_jax.types import Cause, FightResult
 
@@ -48,7 +48,7 @@ CONFIG = Config(
     ],
 )
 def test_share_intervals(hits, total, low, high):
-    assert _share(hits, total) == pytest.approx((hits / total, low, high), abs=1e-5)
+    assert with_interval(hits, total) == pytest.approx((hits / total, low, high), abs=1e-5)
 
 
 def test_summary_of_counted_fights():

@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dronecombat_jax.api import exploit as exploit
     from dronecombat_jax.api import load_config as load_config
     from dronecombat_jax.api import load_policy as load_policy
     from dronecombat_jax.api import load_run as load_run
@@ -25,6 +26,7 @@ _ROOM = {
     "Combat": "combat.env",
     "Config": "config.fields",
     "UserError": "errors",
+    "exploit": "api",
     "load_config": "api",
     "load_policy": "api",
     "load_run": "api",
@@ -40,6 +42,7 @@ __all__ = [
     "Combat",
     "Config",
     "UserError",
+    "exploit",
     "load_config",
     "load_policy",
     "load_run",

@@ -129,3 +129,35 @@ def rate(
     from dronecombat_jax.tournaments import newcomers
 
     return newcomers.rate(str(policy), role=role, fights=fights, allow_mismatch=allow_env_mismatch)
+
+
+def exploit(
+    run: Path | str,
+    *,
+    role: str = "defender",
+    budget: float = 20e6,
+    restarts: int = 4,
+    fights: int = 1024,
+    chunk: int | None = None,
+    run_seed: int | None = None,
+    preset: str = "",
+    seed: int = 0,
+) -> dict[str, Any]:
+    """How far fresh best responses get against one side's policy, as `dronecombat exploit`.
+
+    `run`: a run, a policy file, `pilots:NAME` or `scripted:NAME`; `budget`: environment steps of each
+    of `restarts` responders. Returns what the result file holds. Raises UserError, and
+    KeyboardInterrupt where it was stopped: the same call goes on.
+    """
+    from dronecombat_jax.runs.responders import Wanted, plan
+
+    wanted = Wanted(str(run), role, budget, restarts, fights, chunk, run_seed, seed, preset)
+    planned = plan(wanted)
+    if "jax" not in sys.modules:
+        prepare_training(planned.config)
+    from dronecombat_jax.watch.best_responses import respond
+
+    code, result = respond(planned)
+    if code == EXIT_STOPPED:
+        raise KeyboardInterrupt("stopped and saved; the same call goes on")
+    return result

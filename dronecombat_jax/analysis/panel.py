@@ -148,6 +148,11 @@ def cross_play_cells(
     return asked
 
 
+def every_nth(entrant: Entrant, saved: Sequence[tuple[int, Entrant]], every: int) -> bool:
+    """Whether `entrant` is the last of its training `saved`, or of an n-th chunk."""
+    return entrant is saved[-1][1] or (entrant.chunk > 0 and entrant.chunk % every == 0)
+
+
 def fill_home(table: NDArray[Any], weights: NDArray[Any]) -> NDArray[np.float64]:
     """Fill the NaN cells of `table` [R, G] by row + column, fitted with `weights` [G].
 
@@ -202,7 +207,7 @@ def _seats(entrants: Sequence[Entrant], every: int) -> list[int]:
         index
         for saved in by_training(entrants).values()
         for index, entrant in saved
-        if entrant is saved[-1][1] or (entrant.chunk > 0 and entrant.chunk % every == 0)
+        if every_nth(entrant, saved, every)
     }
     return sorted(pilots | trained, key=lambda index: entrants[index].identity)
 

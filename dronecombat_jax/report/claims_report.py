@@ -1,4 +1,6 @@
-"""The paper's claims in a report: files for docs/results.md and programs, and the page's table."""
+"""The paper's claims in a report: files for docs/results.md and programs, and the page's table; and
+the numbers of what its protocol can tell.
+"""
 
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from dronecombat_jax.analysis.claims_text import (
     claims_rows,
 )
 from dronecombat_jax.analysis.panel import EVERY
+from dronecombat_jax.analysis.protocol import Protocol, paper_protocol, protocol_json
 from dronecombat_jax.analysis.study import Study
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.plain import to_json
@@ -29,3 +32,13 @@ def write_claims(study: Study, folder: Path, every: int = EVERY) -> tuple[Claims
     write_atomic(files[0], to_json(claims_json(claims)))
     write_atomic(files[1], claims_markdown(claims))
     return Claims(COLUMNS, claims_rows(claims), claims_notes(claims)), files
+
+
+def write_protocol(study: Study, folder: Path, every: int = EVERY) -> Protocol | None:
+    """Examine the paper's protocol and write paper_protocol.json into `folder`; None, and nothing
+    written, where the tournament has not both methods. UserError 73.
+    """
+    protocol = paper_protocol(study.result, study.own_elo, every)
+    if protocol is not None:
+        write_atomic(folder / "paper_protocol.json", to_json(protocol_json(protocol)))
+    return protocol

@@ -16,13 +16,14 @@ from dronecombat_jax.analysis.verdict_text import verdict_json, verdict_text
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.files.plain import one_line, records, to_csv, to_json
-from dronecombat_jax.report.claims_report import write_claims
+from dronecombat_jax.report.claims_report import write_claims, write_protocol
 from dronecombat_jax.report.cyclic_figure import cyclic_discs
 from dronecombat_jax.report.figures import save_figure
 from dronecombat_jax.report.flight_figure import flight_over_time, flight_table
 from dronecombat_jax.report.map_figures import score_map, variance_map, win_rate_map
 from dronecombat_jax.report.map_panels import areas
 from dronecombat_jax.report.page import FIGHTS_NAME, Picture, page, with_links
+from dronecombat_jax.report.protocol_figure import protocol_figure
 from dronecombat_jax.report.ratings_figures import elo_over_time, finals, ratings_over_time
 from dronecombat_jax.report.structure_figures import forgetting_profile, outcomes_over_time
 from dronecombat_jax.report.tables import score_matrix, tables
@@ -121,6 +122,12 @@ def write_report(
             "How they fly",
             lambda _: flight_over_time(flown),
             "Behaviour beside outcomes.",
+        )
+    if protocol := write_protocol(studied, out / "tables", every):
+        figures["paper_protocol"] = (
+            "The paper's protocol",
+            lambda _: protocol_figure(protocol),
+            "What rating each method in pools of its own can show, whatever the defenders are.",
         )
     clickable, gap = _fights(fights, studied, out)
     written += clickable

@@ -93,7 +93,7 @@ def test_the_whole_report(tmp_path):
         for kind in ("csv", "json")
     } < names
     html = files[0].read_text()
-    assert html.count('src="data:image/png;base64,') == len(FIGURES)
+    assert html.count('src="data:image/png;base64,') == len(FIGURES) + 1  # the paper's protocol
     assert "UNDECIDED" in html and "skipped: one" in html
     assert json.loads((tmp_path / "report/tables/comparison.json").read_text())["comparisons"]
 
@@ -113,6 +113,8 @@ def test_the_papers_claims_are_on_the_page_and_in_files(tmp_path):
     told = json.loads((tmp_path / "tables/claims.json").read_text())
     assert len(told) == 6 and {claim["verdict"] for claim in told} == {"undecided"}
     assert (tmp_path / "tables/claims.md").read_text().startswith("| claim | paper | ours |")
+    examined = json.loads((tmp_path / "tables/paper_protocol.json").read_text())
+    assert len(examined["pools"]) == 4 and (tmp_path / "figures/paper_protocol.png").stat().st_size
 
 
 def test_a_tournament_of_other_methods_has_no_claims(tmp_path):
@@ -121,3 +123,4 @@ def test_a_tournament_of_other_methods_has_no_claims(tmp_path):
     write_report(build(cause, *sides), tmp_path, "others", effort=QUICK)
     assert "id='claims'" not in (tmp_path / "report.html").read_text()
     assert not (tmp_path / "tables/claims.json").exists()
+    assert not (tmp_path / "tables/paper_protocol.json").exists()

@@ -127,6 +127,11 @@ def _actuation(config: Config) -> Iterator[Problem]:
             ("sim.battery", "sim.body"),
             f"sim.battery = {sim.battery:g}: no battery is known for sim.body = racer; it must be 0",
         )
+    yield from _air_and_sensors(config)
+
+
+def _air_and_sensors(config: Config) -> Iterator[Problem]:
+    sim, ideal = config.sim, config.sim.actuation == "wrench"
     sensor = config.sensor
     if sensor.bias and not any(
         (

@@ -47,7 +47,7 @@ def reproduce(args: Sequence[str]) -> int:
     """the paper's experiment: both methods, their tournament, the report"""
     given: ReproduceFlags = flags.read(ReproduceFlags, args, "dronecombat reproduce")
     rate_on_one_core()
-    from dronecombat_jax.cli.reproduction import finished, steps_of
+    from dronecombat_jax.cli.reproduction import claimed, finished, steps_of
     from dronecombat_jax.config import costs
     from dronecombat_jax.config.scales import SCALES, run_configs
     from dronecombat_jax.machine.backend import cores
@@ -64,7 +64,8 @@ def reproduce(args: Sequence[str]) -> int:
     if given.estimate:
         return 0
     costs.require_disk(cost, folder)
-    return _go_on(steps, done, folder, next(iter(configs.values())))
+    with claimed(folder):
+        return _go_on(steps, finished(steps, folder), folder, next(iter(configs.values())))
 
 
 def _plan(
@@ -92,7 +93,7 @@ def _plan(
             f"  about {count_text(cost.fights)} fights: each run's own "
             f"{scale.chunks} x {scale.chunks}, all runs' every {scale.every} chunks, scripted pilots",
             f"  estimate for {where}: {duration_text(cost.seconds)} (trainings "
-            f"{duration_text(2 * cost.train)}, tournament {duration_text(cost.tournament)}, report "
+            f"{duration_text(sum(cost.trainings.values()))}, tournament {duration_text(cost.tournament)}, report "
             f"{duration_text(cost.report)}), memory {bytes_in_words(cost.memory)}, disk "
             f"{bytes_in_words(cost.disk)}",
             f"  {sum(done)} of {len(steps)} steps are finished, about {duration_text(left)} to go",

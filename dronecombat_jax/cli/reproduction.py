@@ -11,7 +11,9 @@ the steps alone.
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +22,8 @@ from dronecombat_jax.config import settings
 from dronecombat_jax.config.costs import Cost
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.scales import Scale
-from dronecombat_jax.files.atomic import write_atomic
+from dronecombat_jax.files.atomic import cannot_write, sweep, write_atomic
+from dronecombat_jax.files.lock import exclusive_lock
 from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.runs.provenance import package_version
 
@@ -46,8 +49,10 @@ def steps_of(scale: Scale, configs: Mapping[str, Config], cost: Cost, folder: Pa
     for name, config in configs.items():
         last = config.num_chunks * config.train.chunk_iterations
         output = RunDirectory(folder / "runs" / name).checkpoints / str(last)
-        key = _digest(settings.to_toml(config))
-        steps.append(Step(f"train {name}", cost.train, key, output, partial(_train, config)))
+        key = _digest(settings.to_toml(_anywhere(config)))
+        steps.append(
+            Step(f"train {name}", cost.trainings[name], key, output, partial(_train, config))
+        )
     tournament = folder / "tournaments" / TOURNAMENT_NAME
     key = _digest([step.key for step in steps], scale.episodes, scale.every)
     fly = partial(_fly, scale, [str(folder / "runs" / name) for name in configs], folder)
@@ -68,6 +73,21 @@ def note_finished(step: Step, folder: Path) -> None:
     """Remember that a step is done. UserError 73 where that cannot be written."""
     known = {**_read(folder), step.name: step.key}
     write_atomic(folder / FINISHED_NAME, json.dumps(known, indent=1) + "\n")
+
+
+@contextmanager
+def claimed(folder: Path) -> Iterator[None]:
+    """The experiment's folder, made where it is not there, for this process alone.
+
+    UserError 73 where it cannot be made, or another process works on it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    with exclusive_lock(folder):
+        sweep(folder)
+        yield
 
 
 def _train(config: Config) -> int:
@@ -99,8 +119,15 @@ def _report(tournament: Path) -> int:
     from dronecombat_jax.report import tournament_report
     from dronecombat_jax.watch.pairs import fights_page
 
+    for part in (".", "tables", "figures"):  # what a kill left half written
+        sweep(tournament / "report" / part)
     fights = partial(fights_page, say=lambda text: print(text, flush=True))
     return tournament_report.report(str(tournament), None, fights)
+
+
+def _anywhere(config: Config) -> Config:
+    """The settings without where they are computed and kept, which may change between two steps."""
+    return replace(config, run=replace(config.run, device="auto", directory="runs"))
 
 
 def _read(folder: Path) -> dict[str, Any]:

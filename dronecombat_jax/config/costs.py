@@ -38,7 +38,7 @@ CUBE = 1024  # of the product that measures a core
 class Cost(NamedTuple):
     """Of the whole experiment."""
 
-    train: float  # s, each run
+    trainings: Mapping[str, float]  # s, by run
     tournament: float  # s
     report: float  # s
     memory: int  # bytes, at its largest
@@ -49,7 +49,7 @@ class Cost(NamedTuple):
     @property
     def seconds(self) -> float:
         """Of all steps."""
-        return 2 * self.train + self.tournament + self.report
+        return sum(self.trainings.values()) + self.tournament + self.report
 
 
 def cost_of(scale: Scale, configs: Mapping[str, Config], gflops: float, gpu: bool) -> Cost:
@@ -60,9 +60,13 @@ def cost_of(scale: Scale, configs: Mapping[str, Config], gflops: float, gpu: boo
     seeds, iterations = scale.seeds, scale.chunks * scale.iterations
     steps = config.steps_per_iteration * iterations * seeds
     rate = min(SEED_FLOPS * seeds, DEVICE_FLOPS) if gpu else SHARE_OF_FLOOR * gflops * 1e9
-    learning = steps * step_flops(config) / rate
     overhead = iterations * ITERATION_SECONDS * (1 if gpu else seeds)
-    train = START_SECONDS + scale.chunks * CHUNK_SECONDS + max(learning, overhead)
+    trainings = {
+        name: START_SECONDS
+        + scale.chunks * CHUNK_SECONDS
+        + max(steps * step_flops(one) / rate, overhead)
+        for name, one in configs.items()
+    }
     runs = len(configs) * seeds
     entrants, seats = runs * scale.chunks, runs * -(-scale.chunks // scale.every)
     cells = runs * scale.chunks**2 + seats**2 * (runs - 1) // runs
@@ -71,7 +75,7 @@ def cost_of(scale: Scale, configs: Mapping[str, Config], gflops: float, gpu: boo
     memory = max(estimated_bytes(one) for one in configs.values())
     disk = sum(estimated_disk_bytes(one) for one in configs.values())
     return Cost(
-        train=train,
+        trainings=trainings,
         tournament=START_SECONDS + flying,
         report=START_SECONDS + REPORT_SECONDS_PER_ENTRANT * 2 * entrants,
         memory=max(memory, entrants**2 * scale.episodes * FIGHT_BYTES),
@@ -82,21 +86,32 @@ def cost_of(scale: Scale, configs: Mapping[str, Config], gflops: float, gpu: boo
 
 
 def step_flops(config: Config) -> float:
-    """Floating-point operations of matrix products for one environment step of both learners.
+    """Floating-point operations of matrix products for one environment step, the mean of a run.
 
     A product of n x m weights takes 2 n m; a pass forward in the rollout, and in each epoch one
     forward and two backward, but for the observations, which have no gradient.
     """
-    total = 0
+    flown, learnt = 0, 0
     for last in (ACTION_SIZE, 1):
         sizes = (OBSERVATION_SIZE, *config.learn.hidden_sizes, last)
         layers = [2 * rows * columns for rows, columns in pairwise(sizes)]
-        total += sum(layers) + config.learn.epochs * (3 * sum(layers) - layers[0])
-    return float(SIDES * total)
+        flown += sum(layers)
+        learnt += config.learn.epochs * (3 * sum(layers) - layers[0])
+    return SIDES * flown + sum(learning_shares(config)) * learnt
+
+
+def learning_shares(config: Config) -> tuple[float, float]:
+    """How much of a run's steps defender and attacker learn from: the attacker not in a chunk
+    against a past one, the defender not in a head start nor where the attacker flies alone.
+    """
+    chunks = config.num_chunks
+    late = 1.0 - config.head_start_chunks / chunks
+    frozen = config.selfplay.probability * late * (chunks - 1) / chunks
+    return late * (1.0 - config.train.solo_share), 1.0 - frozen
 
 
 def measured_gflops(cores: int) -> float:
-    """GFLOP/s of single-precision products on all `cores`: one core, times them.
+    """GFLOP/s of single-precision products on all `cores`: one core's, times them.
 
     In seconds of its own: what others do on the machine now is not in it.
     """

@@ -1,14 +1,17 @@
 """`dronecombat reproduce`: its plan, what it goes on with, where it stops; the steps are replaced."""
 
 import json
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from dronecombat_jax.cli import commands as cli
 from dronecombat_jax.cli import reproduction
 from dronecombat_jax.config import costs
-from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED
+from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_STOPPED
+from dronecombat_jax.report import tournament_report
 
 FOLDER = Path("reproductions/smoke")
 STEPS = ["train ippo", "train sippo", "tournament", "report"]
@@ -67,6 +70,12 @@ def test_what_has_gone_or_was_made_by_other_settings_is_done_again(work):
     assert cli.main(command) == 0 and work[3:] == STEPS
 
 
+def test_another_device_may_go_on(work):
+    assert cli.main(["reproduce", "--scale", "smoke"]) == EXIT_STOPPED
+    assert cli.main(["reproduce", "--scale", "smoke", "--device", "cpu"]) == 0
+    assert work == [*STEPS[:2], *STEPS[1:]]
+
+
 def test_an_estimate_is_said_and_nothing_done(work, capsys):
     assert cli.main(["reproduce", "--scale", "paper", "--estimate"]) == 0
     told = capsys.readouterr().out
@@ -87,3 +96,30 @@ def test_mistakes_are_one_line(work, args, message, capsys):
     assert cli.main(["reproduce", *args]) == EXIT_CONFIG and work == []
     err = capsys.readouterr().err
     assert message in err and all(line.startswith("error: ") for line in err.splitlines())
+
+
+def test_two_at_once_are_refused(work, capsys):
+    with reproduction.claimed(FOLDER):
+        assert cli.main(["reproduce", "--scale", "smoke"]) == EXIT_CANNOT_WRITE
+    assert work == [] and "in use by process" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(work, capsys):
+    FOLDER.parent.touch()
+    assert cli.main(["reproduce", "--scale", "smoke"]) == EXIT_CANNOT_WRITE
+    assert work == [] and capsys.readouterr().err.startswith("error: cannot write")
+
+
+def test_what_a_killed_report_left_half_written_goes(monkeypatch, tmp_path):
+    report = tmp_path / "report"
+    (report / "tables").mkdir(parents=True)
+    for half in (report / ".tmp-report.html-1-a", report / "tables" / ".tmp-x.csv-1-a"):
+        half.touch()
+    (report / "report.html").touch()
+    # the report itself needs JAX, and is replaced
+    monkeypatch.setitem(
+        sys.modules, "dronecombat_jax.watch.pairs", SimpleNamespace(fights_page=print)
+    )
+    monkeypatch.setattr(tournament_report, "report", lambda *_: 0)
+    assert reproduction._report(tmp_path) == 0
+    assert [path.name for path in report.rglob("*") if path.is_file()] == ["report.html"]

@@ -197,7 +197,7 @@ class JaxMarlDriver(JaxDriver):
                 flags = infos[name]
                 flags = flags[self.agents[0]] if isinstance(flags, dict) else flags
                 array = np.asarray(flags).astype(bool)
-                return array.reshape(len(array), -1).any(axis=-1)
+                return np.asarray(array.reshape(len(array), -1).any(axis=-1))
         return np.zeros(self.number, bool)
 
     def _final(self, told: Any) -> NDArray:

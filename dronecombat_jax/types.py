@@ -77,6 +77,7 @@ class Craft(struct.PyTreeNode):
     drawn: Drawn | None = None
     wind: jax.Array | None = None  # [3] m/s, world frame
     word: jax.Array | None = None  # [] uint32, what this fight's gusts and noise are hashed from
+    memory: jax.Array | None = None  # [K, 26] past qpos and qvel, newest first
 
 
 class EnvState(struct.PyTreeNode):
@@ -199,10 +200,7 @@ class UpdateMetrics(NamedTuple):
 
 
 class IterationMetrics(NamedTuple):
-    """What one iteration reports.
-
-    Counted are fights flown from start to end by the same two (`selfplay.tally`).
-    """
+    """What one iteration reports; counted are fights flown from start to end by the same two."""
 
     causes: jax.Array  # [len(Cause)] counted fights that each `Cause` ended
     crashes: jax.Array  # [A] counted fights in which that drone had gone down
@@ -259,10 +257,7 @@ class Flown(struct.PyTreeNode):
 
 
 class TrainState(struct.PyTreeNode):
-    """A whole training run at an iteration's boundary.
-
-    In a program each leaf has a leading axis S.
-    """
+    """A whole training run between iterations; in a program each leaf has a leading axis S."""
 
     learners: Learner  # each leaf [A, ...]
     env: EnvState  # each leaf [N, ...]

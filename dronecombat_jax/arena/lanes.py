@@ -20,10 +20,10 @@ from dronecombat_jax.arena.players import Kind
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.observe import OBSERVATIONS
 from dronecombat_jax.combat.scripted import PILOTS, Pilot, build_pilot, one_per_fight
+from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.own import chosen
 from dronecombat_jax.learn.rollout import policy_mean
-from dronecombat_jax.sim.flight import split
 from dronecombat_jax.types import (
     ACTION_SIZE,
     ATTACKER,
@@ -145,7 +145,7 @@ def fight_key(seed: jax.Array, words: jax.Array, episode: jax.Array) -> jax.Arra
 
 def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None) -> Pilot:
     policies = [] if side.policies is None else [_policies(kind, side.policies, side, role, keys)]
-    flown = [_seeing(kind.observation, pilot) for pilot in policies]
+    flown = [_seeing(combat, kind.observation, pilot) for pilot in policies]
     pilots = (
         [build_pilot(name, combat.config, combat.scene, role) for name in PILOTS[role]]
         if kind.scripted
@@ -168,14 +168,15 @@ def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | 
     return act
 
 
-def _seeing(observation: str, pilot: Pilot) -> Pilot:
+def _seeing(combat: Combat, observation: str, pilot: Pilot) -> Pilot:
     """The same pilot, shown the layout `observation` in place of the game's own ("": that one)."""
     if not observation:
         return pilot
-    look = jax.vmap(chosen(OBSERVATIONS, observation).observe)
+    layout = chosen(OBSERVATIONS, observation)
+    look = jax.vmap(lambda state: see(combat.config, layout, state))
 
     def act(state: EnvState, _: jax.Array, key: jax.Array) -> jax.Array:
-        return pilot(state, look(split(state.qpos, state.qvel), state.target), key)
+        return pilot(state, look(state), key)
 
     return act
 

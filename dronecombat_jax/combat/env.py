@@ -12,6 +12,7 @@ from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.observe import observation_of
 from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import detect, forfeit, timeout_decides
+from dronecombat_jax.combat.sensors import first_memory, remembered, see
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.machine import jax_variables
 from dronecombat_jax.sim.craft import (
@@ -103,7 +104,7 @@ class Combat:
         pose = jnp.concatenate(
             [positions[:NUM_AGENTS], jnp.broadcast_to(level, (NUM_AGENTS, 4))], axis=-1
         )
-        return EnvState(
+        state = EnvState(
             qpos=pose.reshape(-1),
             qvel=jnp.zeros(6 * NUM_AGENTS),
             target=positions[NUM_AGENTS],
@@ -111,6 +112,7 @@ class Combat:
             out=self.game.absent,
             craft=craft,
         )
+        return first_memory(self.config.sensor, state)
 
     def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
         """A fight about to start in training, from `draws` of `draw_exploring`; `alone` [] bool:
@@ -129,17 +131,18 @@ class Combat:
             2.0 * draws[spawning:].reshape(NUM_AGENTS, 2) - 1.0
         )
         over_ground = jnp.where(state.out[:, None], 0.0, over_ground)
-        return state.replace(
+        state = state.replace(
             qvel=state.qvel.reshape(NUM_AGENTS, 6).at[:, :2].set(over_ground).reshape(-1)
         )
+        return first_memory(self.config.sensor, state)
 
     def reset(self, key: jax.Array) -> EnvState:
         """A fight about to start, drawn from `key`."""
         return self.spawn(self.draw(key, ()))
 
     def observe(self, state: EnvState) -> jax.Array:
-        """Observation [A, 35] of the state (eq. 5)."""
-        return self.observation.observe(split(state.qpos, state.qvel), state.target)
+        """Observation [A, 35] of the state (eq. 5), as the sensors give it."""
+        return see(self.config, self.observation, state)
 
     def step(self, state: EnvState, action: jax.Array) -> tuple[EnvState, StepOutput]:
         """Fly one control step with `action` [A, 4]. Does not reset: a fight that ended must be
@@ -178,6 +181,7 @@ class Combat:
         down = jnp.where(sane, events.down, state.out)
         at_rest = jnp.where(jnp.repeat(down, 6), 0.0, qvel)
         after = state.replace(qpos=qpos, qvel=at_rest, clock=clock, out=down, craft=craft)
+        after = remembered(self.config.sensor, after)
         truncated = (cause == Cause.TIMEOUT) & (not timeout_decides(game))
         output = StepOutput(
             observation=self.observe(after),

@@ -10,7 +10,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from dronecombat_jax.combat.observe import observation_of
-from dronecombat_jax.config.fields import Config, RandomiseConfig
+from dronecombat_jax.config.fields import Config, RandomiseConfig, SensorConfig
 from dronecombat_jax.config.schema import flatten
 from dronecombat_jax.config.settings import SCHEMA
 
@@ -29,7 +29,8 @@ _LATER = {
     "sim.gust_speed": 0.0,
     "sim.gust_time": 1.0,
     "sim.battery": 0.0,
-    **{f"randomise.{item.name}": 0.0 for item in fields(RandomiseConfig)},
+    **{f"randomise.{item.name}": item.default for item in fields(RandomiseConfig)},
+    **{f"sensor.{item.name}": item.default for item in fields(SensorConfig)},
 }
 # The clock of a training run's first fights: no fight between trained policies begins with it.
 _TRAINING_ONLY = ("game.random_clock",)
@@ -37,14 +38,14 @@ _TRAINING_ONLY = ("game.random_clock",)
 _PLACES = ("sim.mjcf",)
 SCENE = "scene."
 # Sections whose settings a policy meets.
-_MET = ("sim.", "game.", "randomise.")
+_MET = ("sim.", "game.", "randomise.", "sensor.")
 
 
 def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
     """What a trained policy meets, as plain JSON by dotted key.
 
-    Version, observation, settings of `sim`, `game` and `randomise`, as `rotors.KEY` the numbers of
-    rotors and drag where they are flown, and as `scene.KEY` each number of the scene that is not
+    Version, observation, settings of `sim`, `game`, `randomise` and `sensor`, as `rotors.KEY`
+    the numbers of rotors and drag where they are flown, and as `scene.KEY` each number of the scene that is not
     the package's own. `scene`: as it was loaded for `config`; without it the MJCF is
     read anew. Raises UserError where it cannot be.
     """

@@ -11,6 +11,7 @@ from dronecombat_jax.config.game_fields import (
     GameConfig,
     RandomiseConfig,
     RewardConfig,
+    SensorConfig,
     SimConfig,
 )
 from dronecombat_jax.config.setting import setting
@@ -29,6 +30,7 @@ __all__ = [
     "RewardConfig",
     "RunConfig",
     "SelfPlayConfig",
+    "SensorConfig",
     "SimConfig",
     "TrainConfig",
     "setting",
@@ -41,6 +43,7 @@ class Config:
 
     sim: SimConfig = field(default_factory=SimConfig)
     randomise: RandomiseConfig = field(default_factory=RandomiseConfig)
+    sensor: SensorConfig = field(default_factory=SensorConfig)
     game: GameConfig = field(default_factory=GameConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
     learn: LearnConfig = field(default_factory=LearnConfig)

@@ -76,6 +76,27 @@ class RandomiseConfig:
 
 
 @dataclass(frozen=True)
+class SensorConfig:
+    """What policies observe of both drones; each side has errors of its own, of a normal law."""
+
+    position_noise: float = setting(
+        0.0, "deviation of each coordinate", unit="m", low=0.0, high=1.0
+    )
+    attitude_noise: float = setting(
+        0.0, "deviation of the attitude about each body axis", unit="rad", low=0.0, high=0.5
+    )
+    velocity_noise: float = setting(
+        0.0, "deviation of each velocity", unit="m/s", low=0.0, high=5.0
+    )
+    rate_noise: float = setting(0.0, "deviation of each body rate", unit="rad/s", low=0.0, high=5.0)
+    bias: float = setting(
+        0.0, "what stays for a fight, drawn with this times the deviations", low=0.0, high=10.0
+    )
+    latency: int = setting(0, "control steps before a measurement arrives", low=0, high=50)
+    period: int = setting(1, "control steps from one measurement to the next", low=1, high=50)
+
+
+@dataclass(frozen=True)
 class GameConfig:
     """Rules of the fight: start, events and what ends it."""
 

@@ -127,6 +127,30 @@ def _actuation(config: Config) -> Iterator[Problem]:
             ("sim.battery", "sim.body"),
             f"sim.battery = {sim.battery:g}: no battery is known for sim.body = racer; it must be 0",
         )
+    yield from _air_and_sensors(config)
+
+
+def _air_and_sensors(config: Config) -> Iterator[Problem]:
+    sim, ideal = config.sim, config.sim.actuation == "wrench"
+    sensor = config.sensor
+    if sensor.bias and not any(
+        (
+            sensor.position_noise,
+            sensor.attitude_noise,
+            sensor.velocity_noise,
+            sensor.rate_noise,
+        )
+    ):
+        yield Problem(
+            ("sensor.bias", "sensor.position_noise"),
+            f"sensor.bias = {sensor.bias:g} is a multiple of the noise: one of sensor.position_noise, "
+            "attitude_noise, velocity_noise and rate_noise must be above 0",
+        )
+    if sim.gust_speed and not (sim.drag or sim.mjcf):
+        yield Problem(
+            ("sim.gust_speed", "sim.drag"),
+            f"sim.gust_speed = {sim.gust_speed:g} pushes by drag: sim.drag must be true",
+        )
     absent = {"lag": ideal, "drag": not sim.drag, "battery": not sim.battery}
     for name in ("lag", "drag", "battery"):
         if absent[name] and (share := getattr(config.randomise, name)):

@@ -1,7 +1,7 @@
 """`dronecombat evaluate`: the two policies of a run fight, and the outcomes are counted."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -102,13 +102,8 @@ def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
     """The fights of `match` with the policies of one of the run's seeds; NumPy leaves. UserError
     for an unknown pilot.
     """
-    fights = match.fights or run.config.run.evaluation_fights
-    game = run.config.game
-    if match.spawn:
-        game = replace(game, spawn=match.spawn, spawn_spread=0.0, defender_spread=0.0)
-    config = replace(run.config, game=game)
-    combat = Combat(config, run.combat.scene)
-    learn = config.learn
+    fights, combat = _fights_of(run, match)
+    config, learn = combat.config, combat.config.learn
 
     there = flown_by(run, seed_index)
     names = [
@@ -129,6 +124,32 @@ def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
         return fight(combat, *pilots, start_fights(combat, start_key, fights), fight_key)
 
     return jax.device_get(jax.jit(fly)(*flown, jax.random.key(match.seed)))
+
+
+def drawn_numbers(run: SavedRun, match: Match) -> dict[str, Any]:
+    """Which numbers the drones of `match` have, over the nominal ones, by setting and side; empty
+    where nothing is drawn. Plain JSON; the fights are in the order of `play`.
+    """
+    fights, combat = _fights_of(run, match)
+    start_key, _ = jax.random.split(jax.random.key(match.seed))
+    start = start_fights(combat, start_key, fights)
+    if start.craft is None or start.craft.drawn is None:
+        return {}
+    numbers = {}
+    for name, value in asdict(run.config.randomise).items():
+        if value:
+            factors = np.asarray(getattr(start.craft.drawn, name), float).round(4)
+            numbers[name] = {role: factors[:, side].tolist() for side, role in enumerate(SIDES)}
+    return {"drawn": numbers}
+
+
+def _fights_of(run: SavedRun, match: Match) -> tuple[int, Combat]:
+    """How many fights of which game."""
+    game = run.config.game
+    if match.spawn:
+        game = replace(game, spawn=match.spawn, spawn_spread=0.0, defender_spread=0.0)
+    combat = Combat(replace(run.config, game=game), run.combat.scene)
+    return match.fights or run.config.run.evaluation_fights, combat
 
 
 def summary(config: Config, result: FightResult) -> dict[str, Any]:
@@ -175,7 +196,7 @@ def evaluate(
     for index in range(run.config.train.num_seeds):
         result = summary(run.config, play(run, index, match))
         about = {"seed": run.config.train.seed + index, "start_seed": match.seed, "steps": steps}
-        results.append({**options, **about, **result})
+        results.append({**options, **about, **result, **drawn_numbers(run, match)})
         print(report_text(results[-1]), flush=True)
     file = RunDirectory(path).evaluation.with_name(file_name(match, chunk, own_fights))
     write_atomic(file, json.dumps(results, indent=2) + "\n")

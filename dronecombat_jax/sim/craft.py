@@ -11,7 +11,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.config.fields import Config, SimConfig
+from dronecombat_jax.config.fields import Config, SensorConfig, SimConfig
 from dronecombat_jax.sim import noise
 from dronecombat_jax.sim.actuation import (
     ACTUATIONS,
@@ -40,20 +40,21 @@ Push = Callable[[Drones, jax.Array, Craft], jax.Array]
 
 
 def is_ideal(config: Config) -> bool:
-    """Whether the drones are rigid bodies under an ideal wrench and nothing else."""
+    """Whether the drones are rigid bodies under an ideal wrench, seen exactly, and nothing else."""
     sim = config.sim
-    return sim.actuation == "wrench" and not sim.drag and not sim.gust_speed and not _drawn(config)
+    alike = config.sensor == SensorConfig() and not _drawn(config)
+    return alike and sim.actuation == "wrench" and not sim.drag and not sim.gust_speed
 
 
 def num_draws(config: Config) -> int:
     """Uniform numbers that `spawn_craft` needs for a fight."""
-    return NUM_AGENTS * len(_names()) * _drawn(config) + (config.sim.gust_speed > 0.0)
+    return NUM_AGENTS * len(_names()) * _drawn(config) + _hashes(config)
 
 
 def spawn_craft(config: Config, scene: Scene, draws: jax.Array) -> Craft | None:
     """The craft at a fight's start, from `draws` [num_draws] in [0, 1); None: `is_ideal`.
 
-    Rotors begin at the nominal speed of hover, the wind at rest.
+    Rotors begin at the nominal speed of hover, the wind at rest; `combat.sensors` adds the memory.
     """
     if is_ideal(config):
         return None
@@ -63,7 +64,7 @@ def spawn_craft(config: Config, scene: Scene, draws: jax.Array) -> Craft | None:
         centred = 2.0 * draws[:size].reshape(len(_names()), NUM_AGENTS) - 1.0
         ranges = [getattr(config.randomise, name) for name in _names()]
         drawn = Drawn(*(1.0 + share * row for share, row in zip(ranges, centred, strict=True)))
-    if sim.gust_speed:
+    if _hashes(config):
         word = noise.word_of(draws[-1])
     return Craft(
         speeds=None if sim.actuation == "wrench" else hover_speeds(plant_of(sim, scene)),
@@ -181,6 +182,12 @@ def _gust(sim: SimConfig, craft: Craft, clock: jax.Array) -> Craft:
     kept = jnp.exp(-sim.timestep * sim.substeps / sim.gust_time)
     fresh = noise.normals(craft.word, clock, noise.GUSTS, 3)
     return craft.replace(wind=kept * craft.wind + sim.gust_speed * jnp.sqrt(1.0 - kept**2) * fresh)
+
+
+def _hashes(config: Config) -> bool:
+    """Whether something random goes on during a fight: gusts or noise."""
+    quiet = SensorConfig(latency=config.sensor.latency, period=config.sensor.period)
+    return config.sim.gust_speed > 0.0 or config.sensor != quiet
 
 
 def _drawn(config: Config) -> bool:

@@ -183,7 +183,11 @@ def allowed_values(entry: schema.Setting) -> st.SearchStrategy:
         ("[[train]]\nseed = 3\n", None, "train is a section"),
         ("[train.seed]\nseed = 3\n", None, "train.seed = {seed = 3}: must be an integer"),
         ("[train]\nqqqqq = 3\n", 2, "there are: train.total_steps, train.num_envs"),
-        ("qqqqq = 3\n", 1, "there are: sim, game, reward, learn, selfplay, train, run"),
+        (
+            "qqqqq = 3\n",
+            1,
+            "there are: sim, randomise, sensor, game, reward, learn, selfplay, train, run",
+        ),
         ('extends = "duel"\n', 1, "extends"),
         ('["train"]\n"num_env" = 3\n', 2, "did you mean train.num_envs?"),
         ('[run]\nname = """\nseed = 1"""\n[train]\nsed = 1', None, "did you mean train.seed?"),

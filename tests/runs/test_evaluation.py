@@ -3,6 +3,7 @@ begun.
 """
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import jax
@@ -16,6 +17,7 @@ from dronecombat_jax.config.fields import (
     Config,
     GameConfig,
     LearnConfig,
+    RandomiseConfig,
     RunConfig,
     SimConfig,
     TrainConfig,
@@ -23,9 +25,17 @@ from dronecombat_jax.config.fields import (
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files import checkpoint
 from dronecombat_jax.runs import evaluation
-from dronecombat_jax.runs.evaluation import Match, _share, file_name, load_run, play, summary
+from dronecombat_jax.runs.evaluation import (
+    Match,
+    drawn_numbers,
+    file_name,
+    load_run,
+    play,
+    summary,
+    with_interval,
+)
 from dronecombat_jax.selfplay.chunk import init_state
-from dronecombat_jax.types import Cause, FightResult
+from dronecombat_jax.types import SIDES, Cause, FightResult
 
 CONFIG = Config(
     sim=SimConfig(substeps=1),
@@ -48,7 +58,7 @@ CONFIG = Config(
     ],
 )
 def test_share_intervals(hits, total, low, high):
-    assert _share(hits, total) == pytest.approx((hits / total, low, high), abs=1e-5)
+    assert with_interval(hits, total) == pytest.approx((hits / total, low, high), abs=1e-5)
 
 
 def test_summary_of_counted_fights():
@@ -115,6 +125,18 @@ def test_the_command_writes_what_it_counted(run, capsys):
         and np.all(again.steps <= 25)
     )
     assert np.all(again.steps[again.cause == Cause.TIMEOUT] == 25)
+
+
+def test_what_was_drawn_for_each_fight_and_side_is_written_down(run):
+    saved = load_run(run.path)
+    assert drawn_numbers(saved, Match()) == {}
+    wide = replace(saved.config, randomise=RandomiseConfig(mass=0.2, thrust=0.1))
+    drawn = drawn_numbers(saved._replace(config=wide), Match(fights=50, seed=3))["drawn"]
+    assert drawn.keys() == {"mass", "thrust"} and drawn["mass"].keys() == set(SIDES)
+    for name, share in (("mass", 0.2), ("thrust", 0.1)):
+        both = np.array([drawn[name][role] for role in SIDES])
+        assert both.shape == (2, 50) and np.abs(both - 1).max() <= share + 1e-4
+        assert both.std(axis=1).min() > 0.4 * share and np.abs(both[0] - both[1]).max() > share / 2
 
 
 def test_a_checkpoint_that_is_not_there(run, tmp_path, capsys):

@@ -1,0 +1,99 @@
+"""What is observed of a fight: late, seldom, noisy and biased, or exactly.
+
+What does not live here: the layout of an observation (`observe`), random numbers (`sim.noise`).
+Each side measures both drones with errors of its own; the target is known. Scripted pilots and
+rewards know the state itself.
+"""
+
+import jax
+import jax.numpy as jnp
+
+from dronecombat_jax.combat.observe import Observation
+from dronecombat_jax.config.fields import Config, SensorConfig
+from dronecombat_jax.sim import noise
+from dronecombat_jax.sim.flight import split
+from dronecombat_jax.sim.rotation import multiply
+from dronecombat_jax.types import NUM_AGENTS, Drones, EnvState
+
+ERRORS = 12  # of a drone: position, attitude, velocity, rate
+
+
+def history(sensor: SensorConfig) -> int:
+    """States that have to be remembered; 1: the present one alone."""
+    return sensor.latency + sensor.period
+
+
+def remembered(sensor: SensorConfig, state: EnvState) -> EnvState:
+    """The same, with the present state in its memory [K, 26], newest first."""
+    if state.craft is None or state.craft.memory is None:
+        return state
+    now = jnp.concatenate([state.qpos, state.qvel])
+    memory = jnp.concatenate([now[None], state.craft.memory[:-1]])
+    return state.replace(craft=state.craft.replace(memory=memory))
+
+
+def first_memory(sensor: SensorConfig, state: EnvState) -> EnvState:
+    """A fight about to start, whose past is its start."""
+    if state.craft is None or history(sensor) == 1:
+        return state
+    now = jnp.concatenate([state.qpos, state.qvel])
+    memory = jnp.broadcast_to(now, (history(sensor), *now.shape))
+    return state.replace(craft=state.craft.replace(memory=memory))
+
+
+def see(config: Config, observation: Observation, state: EnvState) -> jax.Array:
+    """Observation [A, size] of the state, as the sensors of `config` give it."""
+    sensor, craft = config.sensor, state.craft
+    if craft is None or sensor == SensorConfig():
+        return observation.observe(split(state.qpos, state.qvel), state.target)
+    age = jnp.zeros((), jnp.int32)
+    qpos, qvel = state.qpos, state.qvel
+    if craft.memory is not None:
+        # the newest measurement that has arrived; they are made at multiples of the period
+        age = sensor.latency + jnp.mod(state.clock - sensor.latency, sensor.period)
+        past = jnp.take(craft.memory, age, axis=0)
+        qpos, qvel = past[: qpos.shape[0]], past[qpos.shape[0] :]
+    drones = split(qpos, qvel)
+    if craft.word is None or not noisy(sensor):
+        return observation.observe(drones, state.target)
+    errors = _errors(sensor, craft.word, state.clock - age)
+    look = lambda side: observation.observe(_measured(drones, errors[side]), state.target)[side]
+    return jnp.stack([look(side) for side in range(NUM_AGENTS)])
+
+
+def noisy(sensor: SensorConfig) -> bool:
+    """Whether a measurement has errors."""
+    return any(_deviations(sensor))
+
+
+def _errors(sensor: SensorConfig, word: jax.Array, made: jax.Array) -> jax.Array:
+    """Errors [A, A, 12] of the measurements `made` at a clock: by who measures, and of whom."""
+    count = NUM_AGENTS * NUM_AGENTS * ERRORS
+    numbers = noise.normals(word, made, noise.NOISE, count)
+    if sensor.bias:
+        always = noise.normals(word, jnp.zeros((), jnp.int32), noise.BIAS, count)
+        numbers = numbers + sensor.bias * always
+    scale = jnp.repeat(jnp.asarray(_deviations(sensor)), 3)
+    return scale * numbers.reshape(NUM_AGENTS, NUM_AGENTS, ERRORS)
+
+
+def _measured(drones: Drones, error: jax.Array) -> Drones:
+    """`drones` with `error` [A, 12]; the attitude turns by a small angle about the body's axes."""
+    position, angle, velocity, rate = jnp.split(error, 4, axis=-1)
+    turn = jnp.concatenate([jnp.ones_like(angle[:, :1]), angle / 2.0], axis=-1)
+    turn = turn / jnp.linalg.norm(turn, axis=-1, keepdims=True)
+    return Drones(
+        drones.position + position,
+        multiply(drones.quaternion, turn),
+        drones.velocity + velocity,
+        drones.rate + rate,
+    )
+
+
+def _deviations(sensor: SensorConfig) -> tuple[float, float, float, float]:
+    return (
+        sensor.position_noise,
+        sensor.attitude_noise,
+        sensor.velocity_noise,
+        sensor.rate_noise,
+    )

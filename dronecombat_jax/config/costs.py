@@ -31,7 +31,10 @@ SEED_FLOPS, DEVICE_FLOPS = 7e12, 30e12  # of a GPU (H100, H200): one seed, and s
 DEVICE_FIGHTS = 80_000.0  # a second
 REPORT_SECONDS_PER_ENTRANT = 0.05
 CELL_BYTES = 3.0  # of a fight's outcome on the disk, in its cell and in the result
-FIGHT_BYTES = 40  # of a fight in memory while a result is made and rated
+# In memory while the tournament is rated (a planted one of 1600 x 1600 players x 5: 1.6 GB).
+FIGHT_BYTES = 40  # of a fight, played or not
+PAIR_BYTES = 80  # of two players: covariances of their ratings
+START_BYTES = 400_000_000
 CUBE = 1024  # of the product that measures a core
 
 
@@ -73,12 +76,13 @@ def cost_of(scale: Scale, configs: Mapping[str, Config], gflops: float, gpu: boo
     fights = cells * scale.episodes
     flying = fights / (DEVICE_FIGHTS if gpu else FIGHTS_PER_GFLOP * gflops)
     memory = max(estimated_bytes(one) for one in configs.values())
+    rated = entrants**2 * scale.episodes * FIGHT_BYTES + (2 * entrants) ** 2 * PAIR_BYTES
     disk = sum(estimated_disk_bytes(one) for one in configs.values())
     return Cost(
         trainings=trainings,
         tournament=START_SECONDS + flying,
         report=START_SECONDS + REPORT_SECONDS_PER_ENTRANT * 2 * entrants,
-        memory=max(memory, entrants**2 * scale.episodes * FIGHT_BYTES),
+        memory=max(memory, START_BYTES + rated),
         disk=disk + int(fights * CELL_BYTES),
         steps=len(configs) * steps,
         fights=fights,

@@ -89,7 +89,7 @@ def areas(figure: Figure) -> list[Area]:
     regions = []
     maps = [ax for ax in figure.axes if ax.images and ax.get_label() != "<colorbar>"]
     for number, ax in enumerate(maps):
-        rows, columns = np.shape(ax.images[0].get_array())
+        rows, columns = np.shape(np.asarray(ax.images[0].get_array()))
         for row, column in np.ndindex(rows, columns):
             corners = [(column - 0.5, row + 0.5), (column + 0.5, row - 0.5)]
             (left, upper), (right, lower) = ax.transData.transform(corners)

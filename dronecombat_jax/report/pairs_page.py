@@ -46,6 +46,13 @@ def _map(shown: PairsMap) -> dict[str, Any]:
         "about": one_line(shown.about),
         "rows": [one_line(label) for label in shown.labels[0]],
         "columns": [one_line(label) for label in shown.labels[1]],
-        "rates": np.where(np.isfinite(rates), rates, None).tolist(),
-        "fights": np.where(shown.fights >= 0, shown.fights, None).tolist(),
+        "rates": _or_none(rates, np.isfinite(rates)),
+        "fights": _or_none(shown.fights, shown.fights >= 0),
     }
+
+
+def _or_none(values: NDArray[Any], known: NDArray[np.bool_]) -> list[list[Any]]:
+    """The rows of a table as JSON has them: None where nothing is known."""
+    table = values.astype(object)
+    table[~known] = None
+    return table.tolist()

@@ -194,10 +194,10 @@ class JaxMarlDriver(JaxDriver):
         """Whether each fight was truncated; where infos do not tell, none was."""
         for name in TRUNCATED:
             if name in infos:
-                told = infos[name]
-                told = told[self.agents[0]] if isinstance(told, dict) else told
-                array = np.asarray(told).astype(bool)
-                return array if array.ndim == 1 else array.any(axis=-1)
+                flags = infos[name]
+                flags = flags[self.agents[0]] if isinstance(flags, dict) else flags
+                array = np.asarray(flags).astype(bool)
+                return np.asarray(array.reshape(len(array), -1).any(axis=-1))
         return np.zeros(self.number, bool)
 
     def _final(self, told: Any) -> NDArray:

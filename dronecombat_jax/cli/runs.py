@@ -11,7 +11,7 @@ from dronecombat_jax.config.setting import setting
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.files.rundir import find_run
 
-POLICY_SUFFIXES = (".safetensors", ".onnx")
+POLICY_SUFFIXES = (".safetensors", ".onnx", ".h")
 
 
 @dataclass(frozen=True)
@@ -46,17 +46,19 @@ class EvaluateFlags:
 
 @dataclass(frozen=True)
 class ExportFlags:
-    """Write one policy of a run to one file: .safetensors (opens with NumPy alone) or .onnx.
+    """Write one policy of a run to one file: .safetensors (opens with NumPy alone), .onnx or .h.
 
     Such as
 
         dronecombat export ippo defender.safetensors --role defender
         dronecombat export ippo attacker.onnx --role attacker --chunk 12
+        dronecombat export ippo policy.h --role attacker
     """
 
     run: str = setting("", "the run: its folder, or its name in runs/")
     out: str = setting(
-        "", "the file to write, ending in .safetensors or .onnx; also without --out, after RUN"
+        "",
+        "the file to write, ending in .safetensors, .onnx or .h (C99); also without --out, after RUN",
     )
     role: Literal["defender", "attacker"] = setting("attacker", "whose policy")
     chunk: int = setting(

@@ -1,5 +1,5 @@
-"""`dronecombat export`: one policy out of a run's checkpoint into one file, safetensors or ONNX by
-its suffix.
+"""`dronecombat export`: one policy out of a run's checkpoint into one file: safetensors, ONNX or a
+C header by its suffix.
 """
 
 import hashlib
@@ -13,6 +13,7 @@ from dronecombat_jax.combat.observe import OBSERVATIONS
 from dronecombat_jax.config import settings
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.files.rundir import RunDirectory
+from dronecombat_jax.policies.c_header import save_c
 from dronecombat_jax.policies.file import refuse_overwriting, save_policy
 from dronecombat_jax.policies.info import PolicyInfo
 from dronecombat_jax.policies.onnx import require_onnx, save_onnx
@@ -40,7 +41,7 @@ def export(
         require_onnx()
     run = load_run(path, chunk)
     policy, info = policy_of_run(run, RunDirectory(path), role, seed)
-    save = save_onnx if out.suffix == ".onnx" else save_policy
+    save = {".onnx": save_onnx, ".h": save_c}.get(out.suffix, save_policy)
     save(out, policy, info, force=force)
     print(
         f"{out}: {role} of {info.run}, seed {info.seed}, chunk {info.chunk} ({info.steps:,} environment steps), "

@@ -66,8 +66,8 @@ def test_arrow_keys_walk_from_cell_to_cell_and_enter_chooses(browser: Any, addre
     tab.run("replay.chosen.focus()")
     for key in ("ArrowLeft", "ArrowDown", "Enter"):
         tab.page.keyboard.press(key)
-    tab.wait("return location.hash === '#0-0-1'")
-    assert "1 M defends against 2 M" in said(tab)
+    tab.wait("return replay.said.textContent.includes('1 M defends against 2 M')")
+    assert tab.run("return location.hash") == "#0-0-1"
     tab.close()
 
 

@@ -14,14 +14,14 @@ def claims_rows(claims: Sequence[Claim]) -> list[tuple[str, ...]]:
     """One row of `COLUMNS` a claim."""
     return [
         (
-            claim.claim,
+            f"{number}. {claim.claim}",
             claim.paper,
             _ours(claim),
             _interval(claim),
             _test(claim),
             claim.verdict.upper(),
         )
-        for claim in claims
+        for number, claim in enumerate(claims, 1)
     ]
 
 

@@ -78,6 +78,8 @@ def page(
     links = "".join(
         f'<a href="#{escape(picture.name)}">{escape(picture.heading)}</a> ' for picture in pictures
     )
+    if claims.rows:
+        links = f"<a href='#claims'>The paper's claims</a> {links}"
     parts = [
         f"<h1>{_text(title)}</h1>",
         *(f"<p>{_text(line)}</p>" for line in summary),

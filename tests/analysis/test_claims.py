@@ -142,7 +142,9 @@ def test_the_table_has_all_columns_and_the_data_is_plain(true):
     head, rule, *rows = claims_markdown(claims).split("\n\n")[0].splitlines()
     assert head == f"| {' | '.join(COLUMNS)} |" and set(rule) == set("|-")
     assert len(rows) == 6 and all(row.count(" | ") == 5 for row in rows)
-    assert all(row.endswith("AGREES |") for row in rows)
+    assert all(row.endswith("AGREES |") for row in rows) and rows[4].startswith(
+        "| 5. S-IPPO's final"
+    )
     told = json.loads(to_json(claims_json(claims)))
     assert [item["name"] for item in told] == NAMES
     assert [len(seeds) for seeds in told[4]["values"].values()] == [8, 8]

@@ -108,6 +108,7 @@ def test_nowhere_to_write(tmp_path):
 def test_the_papers_claims_are_on_the_page_and_in_files(tmp_path):
     write_report(planted(2, 4, 4), tmp_path, "planted", effort=QUICK, every=2)
     html = (tmp_path / "report.html").read_text()
+    assert html.count("href='#claims'") == 1
     section = html.split("id='claims'")[1].split("</table>")[0]
     assert section.count("<tr>") == 7 and "IPPO&#x27;s attackers rate above" in section
     told = json.loads((tmp_path / "tables/claims.json").read_text())

@@ -27,7 +27,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 backend.prepare("cpu")
 # Tracing makes millions of small objects that live: looking for cycles took a tenth of the time.
-gc.set_threshold(100_000, 50, 50)
+gc.set_threshold(100_000, 20, 10)
 
 
 @pytest.fixture(scope="session")

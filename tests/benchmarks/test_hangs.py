@@ -29,6 +29,7 @@ def programs(monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_what_finishes_fails_and_hangs_is_counted(tmp_path, monkeypatch, capsys, programs):
     file = tmp_path / "hangs.json"
     monkeypatch.setattr(

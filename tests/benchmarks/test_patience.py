@@ -64,6 +64,7 @@ def test_a_child_that_ends_is_not_called_hung():
 
 
 @pytest.mark.usefixtures("impatient", "asleep")
+@pytest.mark.slow
 def test_the_benchmark_goes_on_without_the_parts_that_hang(tmp_path, monkeypatch, capsys):
     repeat, stopped = worker.Worker.repeat, []
 

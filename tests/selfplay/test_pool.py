@@ -256,6 +256,7 @@ def test_wins_are_counted_by_the_member_met_and_draws_half(toy):
     assert record_of(soon, ATTACKER) == ([0.5, 0.0, 0.0, 0.0, 0.0], [2.0, 2.0, 0.0, 0.0, 0.0])
 
 
+@pytest.mark.slow
 def test_records_of_a_run_can_be_graded_by_how_soon_it_won():
     """A win is worth the time that was left, which is never all of it."""
     selfplay = SelfPlayConfig(probability=1.0, memory=1.0, record="rho")

@@ -175,8 +175,8 @@ class CombatVectorEnv(VectorEnv):
         if self._bout is None and None in seed:
             raise UserError("seed = [.., None, ..]: a fight that never began needs a seed")
         keys = [
-            self.bout.key[index] if one is None else self._programs.keys(seed_words(one), 1)[0]
-            for index, one in enumerate(seed)
+            self.bout.key[index] if word is None else self._programs.keys(seed_words(word), 1)[0]
+            for index, word in enumerate(seed)
         ]
         return jnp.stack(keys)
 
@@ -273,5 +273,5 @@ def _mode_of(mode: AutoresetMode | str) -> AutoresetMode:
     try:
         return mode if isinstance(mode, AutoresetMode) else AutoresetMode[str(mode).upper()]
     except KeyError:
-        names = ", ".join(one.name for one in AutoresetMode)
+        names = ", ".join(member.name for member in AutoresetMode)
         raise UserError(f"autoreset_mode = {one_line(str(mode))}: {names} are allowed") from None

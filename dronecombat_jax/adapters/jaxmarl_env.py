@@ -78,7 +78,7 @@ class CombatMultiAgentEnv(Base):
     @property
     def agent_classes(self) -> dict[str, list[str]]:
         """Each side is a class of its own."""
-        return {one: [one] for one in self.agents}
+        return {agent: [agent] for agent in self.agents}
 
     @property
     def time_limit(self) -> int | None:
@@ -120,7 +120,7 @@ class CombatMultiAgentEnv(Base):
     ) -> tuple[Observations, EnvState, dict, dict, dict]:
         """One control step with each agent's action [4]; does not begin anew, and draws nothing."""
         still = jnp.zeros(ACTION_SIZE)
-        pair = [jnp.asarray(actions[one]) if one in self.agents else still for one in SIDES]
+        pair = [jnp.asarray(actions[agent]) if agent in self.agents else still for agent in SIDES]
         assert len(pair) == NUM_AGENTS
         after, output = self.combat.step(state, jnp.stack(pair))
         seen = self._by_agent(output.observation)
@@ -141,10 +141,10 @@ class CombatMultiAgentEnv(Base):
 
     def get_avail_actions(self, state: EnvState) -> dict[str, jax.Array]:
         """All of the action is available, [4] ones."""
-        return {one: jnp.ones(ACTION_SIZE, bool) for one in self.agents}
+        return {agent: jnp.ones(ACTION_SIZE, bool) for agent in self.agents}
 
     def _by_agent(self, rows: jax.Array) -> dict[str, jax.Array]:
-        return {one: rows[SIDES.index(one)] for one in self.agents}
+        return {agent: rows[SIDES.index(agent)] for agent in self.agents}
 
     def _of(self, spaces: dict[str, Any], agent: str) -> Any:
         if agent not in spaces:

@@ -38,19 +38,27 @@ def pilots_of(combat: Combat, role: int, opponents: Opponents) -> tuple[Pilot, .
         given = (opponents,) if callable(opponents) or isinstance(opponents, str) else opponents
     refuse_wrong_number(combat, role, len(given))
     pilots: list[Pilot] = []
-    for one in given:
-        pilots += _named(combat, 1 - role, one) if isinstance(one, str) else [one]
+    for opponent in given:
+        pilots += _named(combat, 1 - role, opponent) if isinstance(opponent, str) else [opponent]
     return tuple(pilots)
 
 
 def _named(combat: Combat, role: int, word: str) -> list[Pilot]:
     """The pilots of `role` that a word names."""
-    found = [one for one in find(word).contenders if one.role == role and one.player is not None]
-    if not found:
+    flying = [
+        candidate
+        for candidate in find(word).contenders
+        if candidate.role == role and candidate.player is not None
+    ]
+    if not flying:
         raise UserError(f"{one_line(word)}: it names no {SIDES[role]}")
-    for contender in found:
+    for contender in flying:
         _refuse_other_game(combat, word, contender)
-    return [_pilot(combat, role, one.player) for one in found if one.player is not None]
+    return [
+        _pilot(combat, role, candidate.player)
+        for candidate in flying
+        if candidate.player is not None
+    ]
 
 
 def _refuse_other_game(combat: Combat, word: str, contender: Contender) -> None:

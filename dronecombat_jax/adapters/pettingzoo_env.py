@@ -58,10 +58,10 @@ class CombatParallelEnv(ParallelEnv):
         self.agents: list[str] = []
         size = combat.observation.size
         self.observation_spaces = {
-            one: Box(-np.inf, np.inf, (size,), np.float32) for one in self.possible_agents
+            agent: Box(-np.inf, np.inf, (size,), np.float32) for agent in self.possible_agents
         }
         self.action_spaces = {
-            one: Box(-1.0, 1.0, (ACTION_SIZE,), np.float32) for one in self.possible_agents
+            agent: Box(-1.0, 1.0, (ACTION_SIZE,), np.float32) for agent in self.possible_agents
         }
         self.state_space = Box(-np.inf, np.inf, (STATE_SIZE,), np.float32)
         self.state_spaces = dict.fromkeys(self.possible_agents, self.state_space)
@@ -104,7 +104,7 @@ class CombatParallelEnv(ParallelEnv):
         self._fight, observation = self._begin(self._words, np.uint32(self._episode))
         self._episode += 1
         self.agents = list(self.possible_agents)
-        return self._by_agent(np.array(observation)), {one: {} for one in self.agents}
+        return self._by_agent(np.array(observation)), {agent: {} for agent in self.agents}
 
     def step(self, actions: Mapping[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
         """One control step with each agent's action [4], clipped to [-1, 1].
@@ -115,15 +115,17 @@ class CombatParallelEnv(ParallelEnv):
         self._fight, leaves = self._step(self._fight, pair)
         observation, reward, terminated, truncated, cause, active = map(np.array, leaves)
         acted = self.agents
-        infos: dict[str, dict] = {one: {"active": bool(active[SIDES.index(one)])} for one in acted}
+        infos: dict[str, dict] = {
+            agent: {"active": bool(active[SIDES.index(agent)])} for agent in acted
+        }
         if terminated or truncated:
             self.agents = []
-            for one in acted:
-                outcome = int(self._scores[SIDES.index(one)][cause])
-                infos[one] |= {"cause": int(Cause(cause)), "outcome": outcome}
+            for agent in acted:
+                outcome = int(self._scores[SIDES.index(agent)][cause])
+                infos[agent] |= {"cause": int(Cause(cause)), "outcome": outcome}
         return (
             self._by_agent(observation),
-            {one: float(reward[SIDES.index(one)]) for one in acted},
+            {agent: float(reward[SIDES.index(agent)]) for agent in acted},
             dict.fromkeys(acted, bool(terminated)),
             dict.fromkeys(acted, bool(truncated)),
             infos,
@@ -153,18 +155,18 @@ class CombatParallelEnv(ParallelEnv):
                 f"actions of {one_line(given)}: those of {', '.join(self.agents)} are needed"
             )
         pair = np.zeros((NUM_AGENTS, ACTION_SIZE), np.float32)
-        for one in self.agents:
-            action = np.asarray(actions[one], np.float32)
+        for agent in self.agents:
+            action = np.asarray(actions[agent], np.float32)
             if action.shape != (ACTION_SIZE,):
                 raise UserError(
-                    f"the {one}'s action has the shape {action.shape}, not ({ACTION_SIZE},)"
+                    f"the {agent}'s action has the shape {action.shape}, not ({ACTION_SIZE},)"
                 )
-            pair[SIDES.index(one)] = action
+            pair[SIDES.index(agent)] = action
         return pair
 
     def _by_agent(self, observation: NDArray) -> dict[str, NDArray[np.float32]]:
         """Rows of `observation` [A, 35], each a copy of its own."""
-        return {one: observation[SIDES.index(one)].copy() for one in self.possible_agents}
+        return {agent: observation[SIDES.index(agent)].copy() for agent in self.possible_agents}
 
     def _of(self, spaces: Mapping[str, Any], agent: str) -> Box:
         if agent not in spaces:

@@ -63,14 +63,14 @@ class Fights(VecEnv):
     def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Observations [N, ...], rewards [N], dones [N], one info each."""
         observation, reward, terminated, truncated, infos = self.vector_env.step(self._actions)
-        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        ends: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         over = np.asarray(terminated) | np.asarray(truncated)
         for index in np.flatnonzero(over):
-            told[index] = _of_one(infos["final_info"], index) | {
+            ends[index] = _of_one(infos["final_info"], index) | {
                 "terminal_observation": infos["final_obs"][index],
                 "TimeLimit.truncated": bool(truncated[index] and not terminated[index]),
             }
-        return observation, np.asarray(reward, np.float32), over, told
+        return observation, np.asarray(reward, np.float32), over, ends
 
     def close(self) -> None:
         self.vector_env.close()
@@ -101,11 +101,11 @@ class Fights(VecEnv):
 
 def _of_one(infos: dict[str, Any], index: Any) -> dict[str, Any]:
     """What vectorised infos say of one environment."""
-    told = {}
+    info = {}
     for name, values in infos.items():
         mask = infos.get(f"_{name}")
         if name.startswith("_") or (mask is not None and not mask[index]):
             continue
-        one = _of_one(values, index) if isinstance(values, dict) else values[index]
-        told[name] = one.item() if isinstance(one, np.generic) else one
-    return told
+        value = _of_one(values, index) if isinstance(values, dict) else values[index]
+        info[name] = value.item() if isinstance(value, np.generic) else value
+    return info

@@ -135,7 +135,9 @@ def early_part(result: TournamentResult) -> TournamentResult:
 
 def distance_from_median(result: TournamentResult, method: str) -> NDArray[np.float64]:
     """[S] mean over the own map's cells of |win rate - median over the method's seeds|."""
-    maps = [one.score for one in run_maps(result, win_rate(result)) if one.method == method]
+    maps = [
+        run_map.score for run_map in run_maps(result, win_rate(result)) if run_map.method == method
+    ]
     if not maps:
         return np.zeros(0)
     stack = np.stack(maps)

@@ -25,7 +25,7 @@ from dronecombat_jax.config.scales import Scale
 from dronecombat_jax.files.atomic import cannot_write, sweep, write_atomic
 from dronecombat_jax.files.lock import exclusive_lock
 from dronecombat_jax.files.rundir import RunDirectory
-from dronecombat_jax.runs.provenance import package_version
+from dronecombat_jax.files.versions import package_version
 
 FINISHED_NAME = "steps.json"
 TOURNAMENT_NAME = "all"

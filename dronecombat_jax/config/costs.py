@@ -67,17 +67,17 @@ def cost_of(scale: Scale, configs: Mapping[str, Config], gflops: float, gpu: boo
     trainings = {
         name: START_SECONDS
         + scale.chunks * CHUNK_SECONDS
-        + max(steps * step_flops(one) / rate, overhead)
-        for name, one in configs.items()
+        + max(steps * step_flops(run_config) / rate, overhead)
+        for name, run_config in configs.items()
     }
     runs = len(configs) * seeds
     entrants, seats = runs * scale.chunks, runs * -(-scale.chunks // scale.every)
     cells = runs * scale.chunks**2 + seats**2 * (runs - 1) // runs
     fights = cells * scale.episodes
     flying = fights / (DEVICE_FIGHTS if gpu else FIGHTS_PER_GFLOP * gflops)
-    memory = max(estimated_bytes(one) for one in configs.values())
+    memory = max(estimated_bytes(run_config) for run_config in configs.values())
     rated = entrants**2 * scale.episodes * FIGHT_BYTES + (2 * entrants) ** 2 * PAIR_BYTES
-    disk = sum(estimated_disk_bytes(one) for one in configs.values())
+    disk = sum(estimated_disk_bytes(run_config) for run_config in configs.values())
     return Cost(
         trainings=trainings,
         tournament=START_SECONDS + flying,

@@ -19,6 +19,7 @@ from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.config.settings import to_toml
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
+from dronecombat_jax.files.versions import package_version
 from dronecombat_jax.policies.file import save_policy
 from dronecombat_jax.policies.info import PolicyInfo
 from dronecombat_jax.types import ACTION_SIZE, MLP, SIDES, Policy, Scaler
@@ -71,16 +72,9 @@ def save_network(
         seed=seed,
         chunk=0,
         steps=steps,
-        package_version=_version("dronecombat-jax"),
-        jax_version=_version("jax"),
+        package_version=package_version(),
+        jax_version=metadata.version("jax"),
         config_sha256=hashlib.sha256(to_toml(config).encode()).hexdigest(),
     )
     save_policy(Path(path), Policy(network, spread, scaler), info, force=force)  # pyright: ignore
     return Path(path)
-
-
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:  # run from a folder, not installed
-        return "unknown"

@@ -148,10 +148,10 @@ def write_report(
     written.append(out / "tables" / "scores.csv")
     write_atomic(written[-1], score_matrix(studied))
     verdict, gaps = _verdict(result, studied, out, every)
-    told, files = write_claims(studied, out / "tables", every)
+    claims, files = write_claims(studied, out / "tables", every)
     written += files
     known = [*notes, *studied.missing, *gaps, *gap]
-    html = page(title, _summary(result), verdict, known, pictures, made, told)
+    html = page(title, _summary(result), verdict, known, pictures, made, claims)
     write_atomic(out / "report.html", html)
     return [out / "report.html", *written]
 

@@ -105,12 +105,12 @@ def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
     fights, combat = _fights_of(run, match)
     config, learn = combat.config, combat.config.learn
 
-    there = flown_by(run, seed_index)
+    flyers = flown_by(run, seed_index)
     names = [
         match_name or (flyer if isinstance(flyer, str) else "")
-        for match_name, flyer in zip((match.defender, match.attacker), there, strict=True)
+        for match_name, flyer in zip((match.defender, match.attacker), flyers, strict=True)
     ]
-    flown = [None if isinstance(flyer, str) else flyer for flyer in there]
+    flown = [None if isinstance(flyer, str) else flyer for flyer in flyers]
 
     def pilot(policy: Policy | None, role: int) -> Pilot:
         if policy is None or names[role]:

@@ -13,12 +13,12 @@ from dronecombat_jax.combat.observe import OBSERVATIONS
 from dronecombat_jax.config import settings
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.files.rundir import RunDirectory
+from dronecombat_jax.files.versions import package_version
 from dronecombat_jax.policies.c_header import save_c
 from dronecombat_jax.policies.file import refuse_overwriting, save_policy
 from dronecombat_jax.policies.info import PolicyInfo
 from dronecombat_jax.policies.onnx import require_onnx, save_onnx
 from dronecombat_jax.runs.evaluation import SavedRun, load_run, policies
-from dronecombat_jax.runs.provenance import package_version
 from dronecombat_jax.types import ACTION_SIZE, SIDES, Policy
 
 

@@ -2,12 +2,12 @@
 began. Plain JSON.
 """
 
-from importlib import metadata
 from typing import Any
 
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.files.manifest import CheckpointError
+from dronecombat_jax.files.versions import package_version
 from dronecombat_jax.runs.resume import Start
 
 
@@ -58,14 +58,6 @@ def check_meta(start: Start, config: Config, met: dict[str, Any] | None = None) 
             f"note: made with jax {version}, goes on with {jax.__version__}: no longer the same bits"
         ]
     return []
-
-
-def package_version() -> str:
-    """Of this package, as installed."""
-    try:
-        return metadata.version("dronecombat-jax")
-    except metadata.PackageNotFoundError:
-        return "unknown"
 
 
 def _random() -> dict[str, Any]:

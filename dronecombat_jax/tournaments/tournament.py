@@ -27,9 +27,9 @@ from dronecombat_jax.errors import EXIT_STOPPED, EXIT_TOURNAMENT
 from dronecombat_jax.files.atomic import cannot_write, sweep
 from dronecombat_jax.files.lock import exclusive_lock
 from dronecombat_jax.files.rundir import run_path
+from dronecombat_jax.files.versions import package_version
 from dronecombat_jax.machine import backend
 from dronecombat_jax.runs.progress import printable
-from dronecombat_jax.runs.provenance import package_version
 from dronecombat_jax.tournaments.cells import read_cells
 from dronecombat_jax.tournaments.contenders import POLICY_SUFFIX, SCRIPTED_PREFIX
 from dronecombat_jax.tournaments.entrants import Field, read_field

@@ -82,11 +82,11 @@ def _driver(env: Any, num_envs: int) -> Driver:
     from dronecombat_jax.adapters.conformance import jax_drivers, numpy_drivers
 
     for driver in (numpy_drivers.of_gymnasium, numpy_drivers.of_pettingzoo):
-        if (found := driver(env)) is not None:
-            return found
+        if (chosen := driver(env)) is not None:
+            return chosen
     for driver in (jax_drivers.of_brax, jax_drivers.of_jaxmarl):
-        if (found := driver(env, num_envs)) is not None:
-            return found
+        if (chosen := driver(env, num_envs)) is not None:
+            return chosen
     raise UserError(
         f"check: {type(env).__name__} is none of Gymnasium's VectorEnv, PettingZoo's ParallelEnv, "
         "brax's Env and JaxMARL's MultiAgentEnv"

@@ -78,7 +78,7 @@ class JaxDriver(Driver):
         """The program of a step as text, and its constants."""
         traced = jax.make_jaxpr(lambda *arguments: self.stepped(*arguments))(*self._last)
         text = re.sub(r"0x[0-9a-f]+", "", str(traced.jaxpr))
-        return text, [np.asarray(one).tobytes() for one in traced.consts]
+        return text, [np.asarray(constant).tobytes() for constant in traced.consts]
 
     @abstractmethod
     def stepped(self, *arguments: Any) -> Any:
@@ -146,7 +146,9 @@ class JaxMarlDriver(JaxDriver):
     def __init__(self, env: Any, number: int):
         super().__init__(env, number)
         self.agents = tuple(env.agents)
-        self.spaces = [(env.observation_space(one), env.action_space(one)) for one in self.agents]
+        self.spaces = [
+            (env.observation_space(agent), env.action_space(agent)) for agent in self.agents
+        ]
         if len({space.shape for space, _ in self.spaces}) > 1:
             raise UserError("check: agents with different observation spaces are not supported")
         stated = getattr(env, "time_limit", 0)
@@ -200,16 +202,18 @@ class JaxMarlDriver(JaxDriver):
                 return np.asarray(array.reshape(len(array), -1).any(axis=-1))
         return np.zeros(self.number, bool)
 
-    def _final(self, told: Any) -> NDArray:
-        if isinstance(told, dict):
-            return self._gather(told, "final observation")
-        array = np.asarray(told)  # [N, A, ...]
+    def _final(self, info: Any) -> NDArray:
+        if isinstance(info, dict):
+            return self._gather(info, "final observation")
+        array = np.asarray(info)  # [N, A, ...]
         columns = dict(zip(self.agents, np.moveaxis(array, 1, 0), strict=True))
         return self._gather(columns, "final observation")
 
     def _gather(self, seen: Any, what: str) -> NDArray:
         """Observations [N, A, ...] out of a dict of agents."""
-        each = [self.require_space(seen[one], index, what) for index, one in enumerate(self.agents)]
+        each = [
+            self.require_space(seen[agent], index, what) for index, agent in enumerate(self.agents)
+        ]
         return np.stack(each, axis=1)
 
 

@@ -87,13 +87,13 @@ class GymnasiumDriver(Driver):
         mask = np.asarray(infos.get("_final_obs", over), bool)
         if np.any(mask != over):
             self.note("mask", "infos['_final_obs'] does not mark the fights that ended")
-        return over & np.asarray([one is not None for one in final], bool)
+        return over & np.asarray([end is not None for end in final], bool)
 
     def _final(self, seen: NDArray, over: NDArray[np.bool_], infos: dict[str, Any]) -> NDArray:
         told = self._told(over, infos)
         for index in np.flatnonzero(told):
-            one = np.asarray(infos["final_obs"][index])
-            seen[index] = self.require_space(one[None], 0, "final observation")
+            end = np.asarray(infos["final_obs"][index])
+            seen[index] = self.require_space(end[None], 0, "final observation")
         return seen
 
 
@@ -105,7 +105,9 @@ class PettingZooDriver(Driver):
     def __init__(self, env: Any):
         super().__init__(env)
         self.agents = tuple(env.possible_agents)
-        self.spaces = [(env.observation_space(one), env.action_space(one)) for one in self.agents]
+        self.spaces = [
+            (env.observation_space(agent), env.action_space(agent)) for agent in self.agents
+        ]
         if len({space.shape for space, _ in self.spaces}) > 1:
             raise UserError("check: agents with different observation spaces are not supported")
         self.time_limit = _limit(env)
@@ -148,17 +150,17 @@ class PettingZooDriver(Driver):
 
     def _leave(self, acted: list[str], over: list[bool]) -> None:
         """Follow who left; notes agents that stay, come back or leave without an end."""
-        self._gone |= {one for one, left in zip(acted, over, strict=True) if left}
-        expected = [one for one in acted if one not in self._gone]
+        self._gone |= {agent for agent, left in zip(acted, over, strict=True) if left}
+        expected = [agent for agent in acted if agent not in self._gone]
         if back := set(self.env.agents) & self._gone:
             self.note("revived", f"{', '.join(sorted(back))}: ended, and is among `agents`")
         elif set(self.env.agents) != set(expected):
             self.note("agents", "`agents` is not who acted less who has ended")
         self._living = list(self.env.agents)
 
-    def _require_keys(self, name: str, told: Any, agents: list[str]) -> None:
+    def _require_keys(self, name: str, values: Any, agents: list[str]) -> None:
         """A dict of just the agents that act, but for other keys than agents' names."""
-        keys = set(told) & set(self.agents)
+        keys = set(values) & set(self.agents)
         if keys - set(agents):
             rule = "after-the-end" if name == "rewards" else "keys"
             self.note(rule, f"{name} name an agent that has ended")
@@ -166,7 +168,7 @@ class PettingZooDriver(Driver):
             self.note("keys", f"{name} lack an agent that acted")
 
     def _all_there(self, observation: Any, agents: list[str]) -> bool:
-        return all(observation.get(one) is not None for one in agents)
+        return all(observation.get(agent) is not None for agent in agents)
 
     def _flag(self, flags: Any, agent: str) -> bool:
         value = flags.get(agent, False)
@@ -177,9 +179,9 @@ class PettingZooDriver(Driver):
     def _gather(self, observation: Any, what: str) -> NDArray:
         """Observations [A, ...]; NaN for who is not there."""
         seen = np.full((len(self.agents), *self.spaces[0][0].shape), np.nan)
-        for index, one in enumerate(self.agents):
-            if observation.get(one) is not None:
-                array = np.asarray(observation[one])
+        for index, agent in enumerate(self.agents):
+            if observation.get(agent) is not None:
+                array = np.asarray(observation[agent])
                 seen[index] = self.require_space(array[None], index, what)[0]
         return seen
 

@@ -149,28 +149,28 @@ RULES: tuple[Rule, ...] = (
 )
 
 
-def _alike(one: NDArray, other: NDArray) -> bool:
+def _alike(first: NDArray, second: NDArray) -> bool:
     """Equal up to rounding; what is missing in both is equal."""
-    return bool(np.allclose(one, other, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True))
+    return bool(np.allclose(first, second, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True))
 
 
-def _same(one: Trace, other: Trace) -> bool:
-    return all(_column_same(one, other, index) for index in range(one.ended.shape[1]))
+def _same(first: Trace, second: Trace) -> bool:
+    return all(_column_same(first, second, index) for index in range(first.ended.shape[1]))
 
 
-def _column_same(one: Trace, other: Trace, index: int, until: int | None = None) -> bool:
+def _column_same(first: Trace, second: Trace, index: int, until: int | None = None) -> bool:
     """Whether a fight of two flights is the same in its first `until` steps."""
     a, b = (
         (trace.look.reward, trace.look.terminated, trace.look.truncated, trace.before())
-        for trace in (one, other)
+        for trace in (first, second)
     )
     return all(_alike(x[:until, index], y[:until, index]) for x, y in zip(a, b, strict=True))
 
 
-def _column_alike(trace: Trace, one: int, other: int) -> bool:
+def _column_alike(trace: Trace, first: int, second: int) -> bool:
     """Whether two fights of a flight are the same."""
     leaves = (trace.look.reward, trace.look.terminated, trace.before())
-    return all(_alike(leaf[:, one], leaf[:, other]) for leaf in leaves)
+    return all(_alike(leaf[:, first], leaf[:, second]) for leaf in leaves)
 
 
 def _starts(trace: Trace, index: int) -> list[NDArray]:

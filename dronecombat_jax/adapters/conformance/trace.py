@@ -128,7 +128,7 @@ def plan(driver: Driver, steps: int, seed: int) -> NDArray:
     """
     random = np.random.default_rng([seed, 7])
     each = [_draw(space, (steps, driver.number), random) for _, space in driver.spaces]
-    if any(one.shape != each[0].shape or one.dtype != each[0].dtype for one in each):
+    if any(leaf.shape != each[0].shape or leaf.dtype != each[0].dtype for leaf in each):
         raise UserError("check: agents with different action spaces are not supported")
     actions = np.stack(each, axis=2)
     block = np.arange(steps) // BLOCK

@@ -1,0 +1,14 @@
+"""Which version of this package wrote a file.
+
+What does not live here: the versions that are refused (`machine.backend`).
+"""
+
+from importlib import metadata
+
+
+def package_version() -> str:
+    """Of this package, as installed."""
+    try:
+        return metadata.version("dronecombat-jax")
+    except metadata.PackageNotFoundError:
+        return "unknown"

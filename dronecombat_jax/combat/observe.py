@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.own import chosen
 from dronecombat_jax.sim.rotation import conjugate, multiply, rotate, rotate_inverse
-from dronecombat_jax.types import NUM_AGENTS, Drones
+from dronecombat_jax.types import Drones
 
 Fields = tuple[tuple[str, int], ...]
 
@@ -46,12 +46,12 @@ def observe_world(drones: Drones, target: jax.Array) -> jax.Array:
     """
     velocity = rotate_inverse(drones.quaternion, drones.velocity)
     gravity = rotate_inverse(
-        drones.quaternion, jnp.broadcast_to(jnp.asarray(DOWN), (NUM_AGENTS, 3))
+        drones.quaternion, jnp.broadcast_to(jnp.asarray(DOWN), drones.position.shape)
     )
     pose = jnp.concatenate([drones.position, drones.quaternion], axis=-1).reshape(-1)
     twist = jnp.concatenate([velocity, drones.rate], axis=-1).reshape(-1)
     row = jnp.concatenate([pose, target, twist, gravity.reshape(-1)])
-    return jnp.broadcast_to(row, (NUM_AGENTS, row.shape[0]))
+    return jnp.broadcast_to(row, (len(drones.position), row.shape[0]))
 
 
 def observe_ego(drones: Drones, target: jax.Array) -> jax.Array:
@@ -65,7 +65,7 @@ def observe_ego(drones: Drones, target: jax.Array) -> jax.Array:
     other = Drones(*(jnp.flip(field, axis=0) for field in drones))
     own = drones.quaternion
     into = lambda vector: rotate_inverse(own, vector)
-    gravity = rotate_inverse(own, jnp.broadcast_to(jnp.asarray(DOWN), (NUM_AGENTS, 3)))
+    gravity = rotate_inverse(own, jnp.broadcast_to(jnp.asarray(DOWN), drones.position.shape))
     return jnp.concatenate(
         [
             drones.position,

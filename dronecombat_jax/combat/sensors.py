@@ -13,7 +13,7 @@ from dronecombat_jax.config.fields import Config, SensorConfig
 from dronecombat_jax.sim import noise
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.rotation import multiply
-from dronecombat_jax.types import NUM_AGENTS, Drones, EnvState
+from dronecombat_jax.types import Drones, EnvState
 
 ERRORS = 12  # of a drone: position, attitude, velocity, rate
 
@@ -56,9 +56,10 @@ def see(config: Config, observation: Observation, state: EnvState) -> jax.Array:
     drones = split(qpos, qvel)
     if craft.word is None or not noisy(sensor):
         return observation.observe(drones, state.target)
-    errors = _errors(sensor, craft.word, state.clock - age)
-    look = lambda side: observation.observe(_measured(drones, errors[side]), state.target)[side]
-    return jnp.stack([look(side) for side in range(NUM_AGENTS)])
+    count = len(drones.position)
+    errors = _errors(sensor, craft.word, state.clock - age, count)
+    look = lambda drone: observation.observe(_measured(drones, errors[drone]), state.target)[drone]
+    return jnp.stack([look(drone) for drone in range(count)])
 
 
 def noisy(sensor: SensorConfig) -> bool:
@@ -66,15 +67,15 @@ def noisy(sensor: SensorConfig) -> bool:
     return any(_deviations(sensor))
 
 
-def _errors(sensor: SensorConfig, word: jax.Array, made: jax.Array) -> jax.Array:
+def _errors(sensor: SensorConfig, word: jax.Array, made: jax.Array, drones: int) -> jax.Array:
     """Errors [A, A, 12] of the measurements `made` at a clock: by who measures, and of whom."""
-    count = NUM_AGENTS * NUM_AGENTS * ERRORS
+    count = drones * drones * ERRORS
     numbers = noise.normals(word, made, noise.NOISE, count)
     if sensor.bias:
         always = noise.normals(word, jnp.zeros((), jnp.int32), noise.BIAS, count)
         numbers = numbers + sensor.bias * always
     scale = jnp.repeat(jnp.asarray(_deviations(sensor)), 3)
-    return scale * numbers.reshape(NUM_AGENTS, NUM_AGENTS, ERRORS)
+    return scale * numbers.reshape(drones, drones, ERRORS)
 
 
 def _measured(drones: Drones, error: jax.Array) -> Drones:

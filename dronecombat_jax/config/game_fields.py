@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.sides import DUEL, Sides
 
 
 @dataclass(frozen=True)
@@ -160,6 +161,11 @@ class GameConfig:
         own=True,
     )
     random_clock: bool = setting(True, "draw the episode clock uniformly at a run's first reset")
+
+    @property
+    def sides(self) -> Sides:
+        """The side of each drone, in the order of all arrays: defenders, then attackers."""
+        return DUEL
 
 
 @dataclass(frozen=True)

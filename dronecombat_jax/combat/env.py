@@ -66,15 +66,15 @@ class Combat:
     def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """Uniform numbers `[*shape, 9]` in [0, 1), enough to `spawn` that many fights.
 
-        More where something of the drones is drawn, too (`sim.craft.num_draws`).
+        More where something of the drones is drawn, too (`sim.craft.num_draws`); the positions are
+        the same with and without.
         """
-        return jax.random.uniform(key, (*shape, POSITION_DRAWS + num_draws(self.config)))
+        return self._drawn(key, shape, POSITION_DRAWS)
 
     def draw_exploring(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """The same for `explore`: 4 more at the end, where exploring starts are on."""
         moving = self.config.train.start_speed > 0.0
-        spawning = POSITION_DRAWS + num_draws(self.config)
-        return jax.random.uniform(key, (*shape, spawning + moving * VELOCITY_DRAWS))
+        return self._drawn(key, shape, POSITION_DRAWS + moving * VELOCITY_DRAWS)
 
     def spawn(self, draws: jax.Array) -> EnvState:
         """A fight about to start, from `draws` of `draw`.
@@ -139,6 +139,15 @@ class Combat:
     def reset(self, key: jax.Array) -> EnvState:
         """A fight about to start, drawn from `key`."""
         return self.spawn(self.draw(key, ()))
+
+    def _drawn(self, key: jax.Array, shape: tuple[int, ...], count: int) -> jax.Array:
+        """Uniform numbers `[*shape, count]`, with those of the drones after the positions."""
+        draws = jax.random.uniform(key, (*shape, count))
+        if more := num_draws(self.config):
+            others = jax.random.uniform(jax.random.fold_in(key, 1), (*shape, more))
+            parts = draws[..., :POSITION_DRAWS], others, draws[..., POSITION_DRAWS:]
+            draws = jnp.concatenate(parts, axis=-1)
+        return draws
 
     def observe(self, state: EnvState) -> jax.Array:
         """Observation [A, 35] of the state (eq. 5), as the sensors give it."""

@@ -43,7 +43,9 @@ def collect(
     num_envs = env.clock.shape[0]
     alone = jnp.arange(num_envs) < combat.config.solo_envs
     steps = learn.rollout_steps
-    noise = jax.random.normal(noise_key, (steps, num_envs, len(combat.config.game.sides), ACTION_SIZE))
+    noise = jax.random.normal(
+        noise_key, (steps, num_envs, len(combat.config.game.sides), ACTION_SIZE)
+    )
     draws = combat.draw_exploring(spawn_key, (steps, num_envs))
 
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
@@ -144,7 +146,7 @@ def _transition(
         final_observation=output.observation,
         cause=output.cause,
         clock=after.clock,
-        out=after.out,
+        down=after.down,
         active=output.active,
         idle=output.idle,
         reward_terms=output.reward_terms,

@@ -43,10 +43,10 @@ class Cause(IntEnum):
 
 
 class Outcome(IntEnum):
-    """Who won a fight."""
+    """Who won a fight. The names are keys in files."""
 
     DEFENDER = 0
-    DRAW = 1
+    DRAW = 1  # a tie: nobody won
     ATTACKER = 2
 
 
@@ -230,7 +230,7 @@ class Pool(struct.PyTreeNode):
     """
 
     policies: Policy  # each leaf [K, ...]; zeros where the chunk has not begun
-    # [K] fights that the live learner won against this member, draws half; old ones fade
+    # [K] fights that the live learner won against this member, ties half; old ones fade
     wins: jax.Array
     games: jax.Array  # [K] fights against this member; old ones fade
 

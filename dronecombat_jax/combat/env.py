@@ -148,7 +148,7 @@ class Combat:
         """Fly one control step with `action` [A, 4]. Does not reset: a fight that ended must be
         replaced.
 
-        A state that is not finite ends this fight alone, as a draw with reward 0 (cause DIVERGED),
+        A state that is not finite ends this fight alone, as a tie with reward 0 (cause DIVERGED),
         at rest where it last was: its final observation is finite and cannot spoil a running mean.
         A drone that still flies and whose action is not finite loses the fight (cause .._INVALID),
         with reward 0 for both: it flies on 0 in place of what was not finite. Finite actions are

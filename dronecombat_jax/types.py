@@ -43,10 +43,10 @@ class Cause(IntEnum):
 
 
 class Outcome(IntEnum):
-    """Who won a fight."""
+    """Who won a fight. The names are keys in files."""
 
     DEFENDER = 0
-    DRAW = 1
+    DRAW = 1  # a tie: nobody won
     ATTACKER = 2
 
 
@@ -87,7 +87,7 @@ class EnvState(struct.PyTreeNode):
     qvel: jax.Array  # [12] m/s in the world frame, rad/s in the body frame
     target: jax.Array  # [3] m
     clock: jax.Array  # [] int32, control steps since the start
-    out: jax.Array  # [A] bool, the drone is down (or absent) and lies where it is
+    down: jax.Array  # [A] bool, the drone is down (or absent) and lies where it is
     craft: Craft | None = None  # None: two ideal rigid bodies
 
 
@@ -165,7 +165,7 @@ class Transition(NamedTuple):
     final_observation: jax.Array  # [T, N, A, 35] after the step, before any reset
     cause: jax.Array  # [T, N] int32
     clock: jax.Array  # [T, N] int32, control steps flown when the step was done
-    out: jax.Array  # [T, N, A] bool, the drone was down after the step
+    down: jax.Array  # [T, N, A] bool, the drone was down after the step
     active: jax.Array  # [T, N, A] bool, as in `StepOutput`
     idle: jax.Array  # [T, N, A] bool
     reward_terms: RewardTerms  # each [T, N, A]
@@ -235,7 +235,7 @@ class Pool(struct.PyTreeNode):
     """
 
     policies: Policy  # each leaf [K, ...]; zeros where the chunk has not begun
-    # [K] fights that the live learner won against this member, draws half; old ones fade
+    # [K] fights that the live learner won against this member, ties half; old ones fade
     wins: jax.Array
     games: jax.Array  # [K] fights against this member; old ones fade
 

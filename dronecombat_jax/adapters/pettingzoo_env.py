@@ -40,7 +40,7 @@ class CombatParallelEnv(ParallelEnv):
 
     `state()` is qpos (14), qvel (12), the target's place (3), the share of the time that is over and
     whether each drone is down (2): float32 [32]. Infos: `active`, whether the action had an effect,
-    and at the end `cause` (a `Cause`) and `outcome` (1 won, 0 drawn, -1 lost).
+    and at the end `cause` (a `Cause`) and `outcome` (1 won, 0 tied, -1 lost).
     """
 
     def __init__(self, combat: Combat, render_mode: str | None = None):
@@ -134,7 +134,7 @@ class CombatParallelEnv(ParallelEnv):
     def state(self) -> NDArray[np.float32]:
         """The whole fight, float32 [32], of which the world frame's observation is a part."""
         fight, steps = self.fight, self.combat.config.game.episode_steps
-        parts = (fight.qpos, fight.qvel, fight.target, [fight.clock / steps], fight.out)
+        parts = (fight.qpos, fight.qvel, fight.target, [fight.clock / steps], fight.down)
         return np.concatenate([np.asarray(part, np.float32) for part in parts])
 
     def render(self) -> Any:

@@ -13,7 +13,7 @@ from dronecombat_jax.config.fields import Config, SensorConfig
 from dronecombat_jax.sim import noise
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.rotation import multiply
-from dronecombat_jax.types import NUM_AGENTS, Drones, EnvState
+from dronecombat_jax.types import NUM_AGENTS, SIDES, Craft, Drones, EnvState
 
 ERRORS = 12  # of a drone: position, attitude, velocity, rate
 
@@ -43,9 +43,24 @@ def first_memory(sensor: SensorConfig, state: EnvState) -> EnvState:
 
 def see(config: Config, observation: Observation, state: EnvState) -> jax.Array:
     """Observation [A, size] of the state, as the sensors of `config` give it."""
-    sensor, craft = config.sensor, state.craft
-    if craft is None or sensor == SensorConfig():
-        return observation.observe(split(state.qpos, state.qvel), state.target)
+    exact = lambda: observation.observe(split(state.qpos, state.qvel), state.target)
+    if state.craft is None or config.sensor == SensorConfig():
+        return exact()
+    seen = _sensed(config, observation, state, state.craft)
+    if config.sensor.side == "both":
+        return seen
+    sensing = jnp.asarray([side == config.sensor.side for side in SIDES])
+    return jnp.where(sensing[:, None], seen, exact())
+
+
+def noisy(sensor: SensorConfig) -> bool:
+    """Whether a measurement has errors."""
+    return any(_deviations(sensor))
+
+
+def _sensed(config: Config, observation: Observation, state: EnvState, craft: Craft) -> jax.Array:
+    """Observation [A, size] of both sides by sensors."""
+    sensor = config.sensor
     age = jnp.zeros((), jnp.int32)
     qpos, qvel = state.qpos, state.qvel
     if craft.memory is not None:
@@ -59,11 +74,6 @@ def see(config: Config, observation: Observation, state: EnvState) -> jax.Array:
     errors = _errors(sensor, craft.word, state.clock - age)
     look = lambda side: observation.observe(_measured(drones, errors[side]), state.target)[side]
     return jnp.stack([look(side) for side in range(NUM_AGENTS)])
-
-
-def noisy(sensor: SensorConfig) -> bool:
-    """Whether a measurement has errors."""
-    return any(_deviations(sensor))
 
 
 def _errors(sensor: SensorConfig, word: jax.Array, made: jax.Array) -> jax.Array:

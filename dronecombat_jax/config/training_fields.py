@@ -136,8 +136,8 @@ class SelfPlayConfig:
     )
     record: Literal["win", "rho", "margin"] = setting(
         "win",
-        "what a fight of t out of T steps counts in the record that samplers see: win: won 1, drawn 1/2; rho: how soon, "
-        "1 - t/T where won, else 0; margin: (1 + rho)/2 won, 1/2 drawn, (1 - rho)/2 lost",
+        "what a fight of t out of T steps counts in the record that samplers see: win: won 1, tied 1/2; rho: how soon, "
+        "1 - t/T where won, else 0; margin: (1 + rho)/2 won, 1/2 tied, (1 - rho)/2 lost",
     )
     scope: Literal["chunk", "environment"] = setting(
         "chunk", "one past opponent for a whole chunk (paper), or one drawn for each environment"

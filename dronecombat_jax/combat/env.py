@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.combat.observe import observation_of
+from dronecombat_jax.combat.observe import observation_of, whole_of
 from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import detect, forfeit, timeout_decides
 from dronecombat_jax.combat.sensors import first_memory, remembered, see
@@ -47,6 +47,7 @@ class Combat:
         self.scene = scene or load_scene(config.sim, sides=self.sides)
         self.game = game_of(config)
         self.observation = observation_of(config)
+        self.whole = whole_of(config)
 
     @property
     def _position_draws(self) -> int:
@@ -152,11 +153,15 @@ class Combat:
         """Observation [A, 35] of the state (eq. 5), as the sensors give it."""
         return see(self.config, self.observation, state)
 
+    def observe_whole(self, state: EnvState) -> jax.Array:
+        """What a central critic sees [A, 37]: the state itself, without errors of sensors."""
+        return self.whole.observe(split(state.qpos, state.qvel), state.target)
+
     def step(self, state: EnvState, action: jax.Array) -> tuple[EnvState, StepOutput]:
         """Fly one control step with `action` [A, 4]. Does not reset: a fight that ended must be
         replaced.
 
-        A state that is not finite ends this fight alone, as a draw with reward 0 (cause DIVERGED),
+        A state that is not finite ends this fight alone, as a tie with reward 0 (cause DIVERGED),
         at rest where it last was: its final observation is finite and cannot spoil a running mean.
         A drone that still flies and whose action is not finite loses the fight (cause .._INVALID),
         with reward 0 for both: it flies on 0 in place of what was not finite. Finite actions are

@@ -5,6 +5,7 @@ To add one, write a function here, name it in OBSERVATIONS with its fields, and 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -96,3 +97,17 @@ OBSERVATIONS: dict[str, Observation] = {
 def observation_of(config: Config) -> Observation:
     """The observation that `game.observation` names."""
     return chosen(OBSERVATIONS, config.game.observation)
+
+
+def whole_of(config: Config) -> Observation:
+    """What a central critic sees: `world`, whatever the policies observe, and who is observing.
+
+    The identity is 1 at the observing drone's own number and 0 at the others'.
+    """
+    world = observation_of(replace(config, game=replace(config.game, observation="world")))
+
+    def observe(drones: Drones, target: jax.Array) -> jax.Array:
+        seen = world.observe(drones, target)
+        return jnp.concatenate([seen, jnp.eye(seen.shape[0])], axis=-1)
+
+    return Observation((*world.fields, ("identity", NUM_AGENTS)), observe)

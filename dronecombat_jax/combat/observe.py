@@ -110,4 +110,4 @@ def whole_of(config: Config) -> Observation:
         seen = world.observe(drones, target)
         return jnp.concatenate([seen, jnp.eye(seen.shape[0])], axis=-1)
 
-    return Observation((*world.fields, ("identity", NUM_AGENTS)), observe)
+    return Observation((*world.fields, ("identity", len(config.game.sides))), observe)

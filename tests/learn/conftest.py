@@ -50,7 +50,7 @@ class Probe:
             qvel=jnp.zeros(1),
             target=jnp.zeros(3),
             clock=jnp.zeros((), jnp.int32),
-            out=jnp.zeros(2, bool),
+            down=jnp.zeros(2, bool),
         )
 
     draw_exploring = draw

@@ -185,8 +185,9 @@ def _gust(sim: SimConfig, craft: Craft, clock: jax.Array) -> Craft:
 
 
 def _hashes(config: Config) -> bool:
-    """Whether something random goes on during a fight: gusts or noise."""
-    quiet = SensorConfig(latency=config.sensor.latency, period=config.sensor.period)
+    """Whether something random goes on during a fight: gusts, noise or drop-outs."""
+    certain = ("latency", "period", "range", "field_of_view")
+    quiet = SensorConfig(**{name: getattr(config.sensor, name) for name in certain})
     return config.sim.gust_speed > 0.0 or config.sensor != quiet
 
 

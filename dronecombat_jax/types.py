@@ -87,7 +87,7 @@ class EnvState(struct.PyTreeNode):
     qvel: jax.Array  # [12] m/s in the world frame, rad/s in the body frame
     target: jax.Array  # [3] m
     clock: jax.Array  # [] int32, control steps since the start
-    out: jax.Array  # [A] bool, the drone is down (or absent) and lies where it is
+    down: jax.Array  # [A] bool, the drone is down (or absent) and lies where it is
     craft: Craft | None = None  # None: two ideal rigid bodies
 
 
@@ -164,7 +164,7 @@ class Transition(NamedTuple):
     final_observation: jax.Array  # [T, N, A, 35] after the step, before any reset
     cause: jax.Array  # [T, N] int32
     clock: jax.Array  # [T, N] int32, control steps flown when the step was done
-    out: jax.Array  # [T, N, A] bool, the drone was down after the step
+    down: jax.Array  # [T, N, A] bool, the drone was down after the step
     active: jax.Array  # [T, N, A] bool, as in `StepOutput`
     idle: jax.Array  # [T, N, A] bool
     reward_terms: RewardTerms  # each [T, N, A]

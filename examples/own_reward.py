@@ -12,12 +12,12 @@ from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.types import Cause, Drones, RewardTerms
 
 
-def quick(config: Config, drones: Drones, target, events: Events, out, cause) -> RewardTerms:
+def quick(config: Config, drones: Drones, target, events: Events, down, cause) -> RewardTerms:
     """The terms of the duel [A]; what a crash costs is doubled, and closing speed is paid."""
-    terms = DUEL.reward(config, drones, target, events, out, cause)
+    terms = DUEL.reward(config, drones, target, events, down, cause)
     gap = drones.position[1] - drones.position[0]
     closing = -jnp.dot(gap, drones.velocity[1] - drones.velocity[0]) / jnp.linalg.norm(gap)
-    paid = config.control_dt * jnp.stack([closing, 0.0]) * ~jnp.any(out)
+    paid = config.control_dt * jnp.stack([closing, 0.0]) * ~jnp.any(down)
     return terms._replace(approach=terms.approach + paid, crash=2.0 * terms.crash)
 
 

@@ -79,11 +79,11 @@ class FullCombat:
             applied = jnp.zeros((2, 6)).at[:, 3:].set(torque).reshape(-1)
             data = self._mjx.step(self._model, data.replace(qfrc_applied=applied))
             data = data.replace(qvel=limit_rate(data.qvel, sim.max_body_rate))
-        drones, clock, out = split(data.qpos, data.qvel), state.clock + 1, jnp.zeros(2, bool)
+        drones, clock, down = split(data.qpos, data.qvel), state.clock + 1, jnp.zeros(2, bool)
         game = combat.config.game
-        events = detect(game, before.position, drones.position, state.target, out, clock)
+        events = detect(game, before.position, drones.position, state.target, down, clock)
         cause = judge(game, events)
-        reward = total(reward_terms(combat.config, drones, state.target, events, out, cause))
+        reward = total(reward_terms(combat.config, drones, state.target, events, down, cause))
         return FullState(data, state.target, clock), reward, cause
 
     def _observe(self, state: FullState) -> jax.Array:

@@ -134,7 +134,7 @@ class CombatParallelEnv(ParallelEnv):
     def state(self) -> NDArray[np.float32]:
         """The whole fight, float32 [32], of which the world frame's observation is a part."""
         fight, steps = self.fight, self.combat.config.game.episode_steps
-        parts = (fight.qpos, fight.qvel, fight.target, [fight.clock / steps], fight.out)
+        parts = (fight.qpos, fight.qvel, fight.target, [fight.clock / steps], fight.down)
         return np.concatenate([np.asarray(part, np.float32) for part in parts])
 
     def render(self) -> Any:

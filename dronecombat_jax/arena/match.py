@@ -103,14 +103,14 @@ def advance(
     after, output = jax.vmap(combat.step)(state, action)
     on = result.cause == Cause.NONE
     keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-    now = FightResult(output.cause, result.steps + 1, after.out & ~combat.game.absent)
+    now = FightResult(output.cause, result.steps + 1, after.down & ~combat.game.absent)
     return jax.tree.map(keep, after, state), jax.tree.map(keep, now, result), action
 
 
 def no_result(start: EnvState) -> FightResult:
     """The result [E, ...] of fights that have not ended."""
     return FightResult(
-        jnp.zeros_like(start.clock), jnp.zeros_like(start.clock), jnp.zeros_like(start.out)
+        jnp.zeros_like(start.clock), jnp.zeros_like(start.clock), jnp.zeros_like(start.down)
     )
 
 

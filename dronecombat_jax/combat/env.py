@@ -110,7 +110,7 @@ class Combat:
             qvel=jnp.zeros(6 * NUM_AGENTS),
             target=positions[NUM_AGENTS],
             clock=jnp.zeros((), jnp.int32),
-            out=self.game.absent,
+            down=self.game.absent,
             craft=craft,
         )
         return first_memory(self.config.sensor, state)
@@ -125,13 +125,13 @@ class Combat:
         """
         spawning = POSITION_DRAWS + num_draws(self.config)
         state = self.spawn(draws[:spawning])
-        state = state.replace(out=state.out | jnp.stack([alone, jnp.zeros((), bool)]))
+        state = state.replace(down=state.down | jnp.stack([alone, jnp.zeros((), bool)]))
         if self.config.train.start_speed == 0.0:
             return state
         over_ground = self.config.train.start_speed * (
             2.0 * draws[spawning:].reshape(NUM_AGENTS, 2) - 1.0
         )
-        over_ground = jnp.where(state.out[:, None], 0.0, over_ground)
+        over_ground = jnp.where(state.down[:, None], 0.0, over_ground)
         state = state.replace(
             qvel=state.qvel.reshape(NUM_AGENTS, 6).at[:, :2].set(over_ground).reshape(-1)
         )
@@ -157,7 +157,7 @@ class Combat:
         """
         game = self.config.game
         before = split(state.qpos, state.qvel)
-        invalid = ~jnp.all(jnp.isfinite(action), axis=-1) & ~state.out
+        invalid = ~jnp.all(jnp.isfinite(action), axis=-1) & ~state.down
         given = jnp.where(jnp.isfinite(action), action, 0.0)
         if state.craft is None:
             (qpos, qvel), craft = self._fly(state.qpos, state.qvel, given), None
@@ -166,22 +166,22 @@ class Combat:
                 state.qpos, state.qvel, state.craft, state.clock, given
             )
         sane = _sane(qpos) & _sane(qvel)
-        qpos = jnp.where(sane & ~jnp.repeat(state.out, 7), qpos, _tame(state.qpos))
-        qvel = jnp.where(sane & ~jnp.repeat(state.out, 6), qvel, 0.0)
+        qpos = jnp.where(sane & ~jnp.repeat(state.down, 7), qpos, _tame(state.qpos))
+        qvel = jnp.where(sane & ~jnp.repeat(state.down, 6), qvel, 0.0)
         drones = split(qpos, qvel)
         clock = state.clock + 1
 
-        events = detect(game, before.position, drones.position, state.target, state.out, clock)
+        events = detect(game, before.position, drones.position, state.target, state.down, clock)
         cause = jnp.where(jnp.any(invalid), forfeit(invalid), self.game.judge(game, events))
         diverged: jax.Array = jnp.int32(Cause.DIVERGED)
         cause = jnp.where(sane, cause, diverged)
-        terms = self.game.reward(self.config, drones, state.target, events, state.out, cause)
+        terms = self.game.reward(self.config, drones, state.target, events, state.down, cause)
         terms = jax.tree.map(lambda term: jnp.where(sane & ~jnp.any(invalid), term, 0.0), terms)
 
         # A drone that goes down stays where it is, at rest.
-        down = jnp.where(sane, events.down, state.out)
+        down = jnp.where(sane, events.down, state.down)
         at_rest = jnp.where(jnp.repeat(down, 6), 0.0, qvel)
-        after = state.replace(qpos=qpos, qvel=at_rest, clock=clock, out=down, craft=craft)
+        after = state.replace(qpos=qpos, qvel=at_rest, clock=clock, down=down, craft=craft)
         after = remembered(self.config.sensor, after)
         truncated = (cause == Cause.TIMEOUT) & (not timeout_decides(game))
         output = StepOutput(
@@ -191,8 +191,8 @@ class Combat:
             cause=cause,
             terminated=(cause != Cause.NONE) & ~truncated,
             truncated=truncated,
-            active=sane & ~state.out & ~invalid,
-            idle=sane & state.out,
+            active=sane & ~state.down & ~invalid,
+            idle=sane & state.down,
         )
         return after, output
 

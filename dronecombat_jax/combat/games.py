@@ -27,7 +27,7 @@ class Game(NamedTuple):
 
     flies: tuple[bool, ...]  # [A] whether a drone takes part; one that does not learns nothing
     judge: Judge  # (settings, events) -> cause [] int32
-    reward: Reward  # (settings, drones, target, events, out [A], cause) -> terms [A]
+    reward: Reward  # (settings, drones, target, events, down [A], cause) -> terms [A]
 
     @property
     def absent(self) -> jax.Array:
@@ -45,12 +45,12 @@ def reward_alone(
     drones: Drones,
     target: jax.Array,
     events: Events,
-    out: jax.Array,
+    down: jax.Array,
     cause: jax.Array,
 ) -> RewardTerms:
     """The rewards of the duel with its crash rule `ends`, each term [A]; 0 for who is absent."""
     alone = replace(config, game=replace(config.game, crash_rule="ends"))
-    terms = reward_terms(alone, drones, target, events, out, cause)
+    terms = reward_terms(alone, drones, target, events, down, cause)
     return jax.tree.map(lambda term: jnp.where(~SOLO.absent, term, 0.0), terms)
 
 

@@ -17,19 +17,19 @@ def reward_terms(
     drones: Drones,
     target: jax.Array,
     events: Events,
-    out: jax.Array,
+    down: jax.Array,
     cause: jax.Array,
 ) -> RewardTerms:
     """Each term [A], weighted and signed, for the state after a control step.
 
-    `drones` fields [A, ...]; `target` [3] m; `out` [A]: down before the step; `cause` []: a
+    `drones` fields [A, ...]; `target` [3] m; `down` [A]: down before the step; `cause` []: a
     `Cause`. A drone that is out earns no dense reward, unless `crash_rule` is "grounded": then it
     lies there, is rewarded as ever and pays the crash penalty at every step.
     """
     weights, game = config.reward, config.game
     scale = config.control_dt if weights.time_scaled else 1.0
     grounded = game.crash_rule == "grounded"
-    flying = jnp.ones_like(out) if grounded else ~out
+    flying = jnp.ones_like(down) if grounded else ~down
     dense = scale * flying.astype(jnp.float32)
 
     position = drones.position

@@ -35,12 +35,12 @@ def detect(
     before: jax.Array,
     after: jax.Array,
     target: jax.Array,
-    out: jax.Array,
+    down: jax.Array,
     clock: jax.Array,
 ) -> Events:
     """Find the events of a control step.
 
-    `before`, `after` [A, 3] m: positions at its ends; `target` [3] m; `out` [A] bool: down before
+    `before`, `after` [A, 3] m: positions at its ends; `target` [3] m; `down` [A] bool: down before
     the step, so neither strikes, is struck nor crashes again; `clock` []: steps flown, this one
     included.
     """
@@ -48,12 +48,12 @@ def detect(
         before = after
     gap = closest_approach(before[DEFENDER] - before[ATTACKER], after[DEFENDER] - after[ATTACKER])
     miss = closest_approach(before[ATTACKER] - target, after[ATTACKER] - target)
-    crashed = (after[:, 2] < game.crash_altitude) & ~out
+    crashed = (after[:, 2] < game.crash_altitude) & ~down
     return Events(
-        intercept=(gap < game.intercept_radius) & ~jnp.any(out),
-        reached=(miss < game.reach_radius) & ~out[ATTACKER],
+        intercept=(gap < game.intercept_radius) & ~jnp.any(down),
+        reached=(miss < game.reach_radius) & ~down[ATTACKER],
         crashed=crashed,
-        down=out | crashed,
+        down=down | crashed,
         timeout=clock >= game.episode_steps,
     )
 

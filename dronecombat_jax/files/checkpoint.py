@@ -32,6 +32,7 @@ from dronecombat_jax.files.atomic import (
     temporary_path,
 )
 from dronecombat_jax.files.manifest import (
+    RENAMED,
     CheckpointError,
     DamagedCheckpoint,
     Manifest,
@@ -81,7 +82,7 @@ def save(
         raise UserError(f"checkpoint {step} not written: NaN or infinity in {wrong}", EXIT_DIVERGED)
     digest = state_digest(arrays)
     final = _step_path(directory, step)
-    if os.path.lexists(final) and _holds(final, step, digest):
+    if os.path.lexists(final) and _holds(final, step, arrays):
         return final
     temporary = temporary_path(final)
     try:
@@ -169,8 +170,11 @@ def restore(
     """
     manifest = saved if isinstance(saved, Manifest) else verify(directory, saved)
     path = _step_path(directory, manifest.step)
-    expected = match_template(template, manifest.leaves, str(path), hint)
-    arrays = store.read(path, manifest)
+    leaves = tuple(
+        leaf._replace(path=RENAMED.get(leaf.path, leaf.path)) for leaf in manifest.leaves
+    )
+    expected = match_template(template, leaves, str(path), hint)
+    arrays = _renamed(store.read(path, manifest))
     if not allow_nonfinite and (wrong := nonfinite(arrays)):
         raise CheckpointError(f"{path} refused: NaN or infinity in {wrong}")
     return unflatten(template, [arrays[leaf.path] for leaf in expected])
@@ -181,7 +185,7 @@ def load(directory: Path, saved: int | Manifest) -> tuple[Arrays, Manifest]:
     `saved` as above.
     """
     manifest = saved if isinstance(saved, Manifest) else verify(directory, saved)
-    return store.read(_step_path(directory, manifest.step), manifest), manifest
+    return _renamed(store.read(_step_path(directory, manifest.step), manifest)), manifest
 
 
 def remove(directory: Path, step: int) -> None:
@@ -195,15 +199,22 @@ def remove(directory: Path, step: int) -> None:
         raise cannot_write(path, error) from error
 
 
-def _holds(final: Path, step: int, digest: str) -> bool:
-    """Whether `final` holds the arrays of `digest`; a damaged one is moved out of the way."""
+def _renamed(arrays: Arrays) -> Arrays:
+    """`arrays` of a checkpoint of any version, by the paths of today."""
+    return {RENAMED.get(path, path): array for path, array in arrays.items()}
+
+
+def _holds(final: Path, step: int, arrays: Arrays) -> bool:
+    """Whether `final` holds `arrays`, also by older names; a damaged one is moved out of the way."""
     try:
         manifest = verify(final.parent, step)
     except DamagedCheckpoint as error:
         _log.warning("checkpoint %d written anew: %s", step, error)
         _set_aside(final)
         return False
-    if manifest.digest != digest:
+    older = {now: then for then, now in RENAMED.items()}
+    renamed = {older.get(path, path): array for path, array in arrays.items()}
+    if manifest.digest not in (state_digest(arrays), state_digest(renamed)):
         raise CheckpointError(
             f"{final} is there already with other arrays; a checkpoint is never overwritten"
         )

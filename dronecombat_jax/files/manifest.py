@@ -18,7 +18,8 @@ import numpy as np
 
 from dronecombat_jax.errors import EXIT_DATA, UserError
 
-SCHEMA = 2  # 1: self-play's pool was part of every state
+SCHEMA = 3  # 1: self-play's pool was part of every state; up to 2: old names of RENAMED
+RENAMED = {"env/out": "env/down"}  # paths of leaves in older checkpoints, and what they are now
 MANIFEST_NAME = "manifest.json"
 MAX_MANIFEST_BYTES = 4 << 20
 _READ_BYTES = 1 << 20

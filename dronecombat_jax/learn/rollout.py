@@ -145,7 +145,7 @@ def _transition(
         final_observation=output.observation,
         cause=output.cause,
         clock=after.clock,
-        out=after.out,
+        down=after.down,
         active=output.active,
         idle=output.idle,
         reward_terms=output.reward_terms,

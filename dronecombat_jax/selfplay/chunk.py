@@ -237,7 +237,7 @@ def summarize(
     defender has not crashed.
     """
     counted = tally.counted(flown, rollout)
-    down = rollout.out & jnp.asarray(game_of(config).flies)
+    down = rollout.down & jnp.asarray(game_of(config).flies)
     causes = jnp.sum(
         jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * counted[..., None], axis=(0, 1)
     )

@@ -75,9 +75,9 @@ from dronecombat_jax.sim.rotation import rotate_inverse
 from dronecombat_jax.types import Policy, UpdateMetrics
 
 
-def careful(config, drones, target, events, out, cause):
+def careful(config, drones, target, events, down, cause):
     """The reward terms of the duel, each [A], but a crash costs ten times as much."""
-    terms = DUEL.reward(config, drones, target, events, out, cause)
+    terms = DUEL.reward(config, drones, target, events, down, cause)
     return terms._replace(crash=10.0 * terms.crash)
 
 

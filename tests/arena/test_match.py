@@ -88,7 +88,7 @@ def test_every_fight_is_counted_up_to_its_own_end(
         on = cause == Cause.NONE
         last[on], down[on], steps[on], cause[on] = (
             state.qpos[on],
-            state.out[on],
+            state.down[on],
             step + 1,
             output.cause[on],
         )

@@ -34,7 +34,9 @@ def fight_all(arena: SimpleNamespace, game: GameConfig, seed: int) -> SimpleName
     start = jax.tree.map(
         lambda leaf: jnp.tile(leaf, (shape[0] * shape[1],) + (1,) * (leaf.ndim - 1)), once
     )
-    start = start.replace(out=start.out.at[:, DEFENDER].set(defender == DEFENDERS.index("absent")))
+    start = start.replace(
+        down=start.down.at[:, DEFENDER].set(defender == DEFENDERS.index("absent"))
+    )
     match = lambda start: fight(
         combat,
         one_per_fight(pilots[DEFENDER], defender),

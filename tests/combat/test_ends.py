@@ -76,7 +76,7 @@ def test_every_end_in_flight(arena: SimpleNamespace, fresh: EnvState):
     assert names(output.cause) == expected
     np.testing.assert_array_equal(output.terminated, [1, 1, 1, 1, 1, 0, 0, 1])
     np.testing.assert_array_equal(output.truncated, [0, 0, 0, 0, 0, 1, 0, 0])
-    np.testing.assert_array_equal(after.out[2:5], [[1, 0], [0, 1], [1, 1]])
+    np.testing.assert_array_equal(after.down[2:5], [[1, 0], [0, 1], [1, 1]])
     events = output.reward_terms.win + output.reward_terms.lose + output.reward_terms.crash
     win = [300, -300]
     prizes = [win, [-300, 300], [-10, 300], [300, -10], [-10, -10], [0, 0], [0, 0], win]
@@ -90,8 +90,8 @@ def test_a_drone_that_fell_lies_where_it_fell(arena: SimpleNamespace, fresh: Env
         before = state
         state, output = arena.step(state, held(8, defender=DROP))
         np.testing.assert_array_equal(state.qpos[fell, :7], before.qpos[fell, :7])
-        np.testing.assert_array_equal(state.qvel[state.out[:, 0], :6], 0)
-        just = np.asarray(state.out[:, 0]) & ~fell
+        np.testing.assert_array_equal(state.qvel[state.down[:, 0], :6], 0)
+        just = np.asarray(state.down[:, 0]) & ~fell
         assert np.all(output.reward_terms.linear_velocity[just, 0] < -0.02 * 0.05 * 2)
         np.testing.assert_array_equal(output.reward_terms.crash[:, 0], np.where(just, -10, 0))
         fell |= just
@@ -104,9 +104,9 @@ def test_an_absent_defender_stands_where_it_starts(arena: SimpleNamespace):
     draws = combat.draw(jax.random.key(1), (8,))
     solo = Combat(Config(game=GameConfig(scenario="solo")), combat.scene)
     start = jax.vmap(solo.spawn)(draws)
-    np.testing.assert_array_equal(start.out, [[True, False]] * 8)
+    np.testing.assert_array_equal(start.down, [[True, False]] * 8)
     present = jax.vmap(combat.spawn)(draws)  # all else is as it would be
-    jax.tree.map(np.testing.assert_array_equal, start.replace(out=present.out), present)
+    jax.tree.map(np.testing.assert_array_equal, start.replace(down=present.down), present)
     state = place(start, 0, attacker=(0, 5, 1))  # inside the defender
     for _ in range(5):
         state, output = arena.step(state, held(8, defender=(1, 1, 1, 1)))

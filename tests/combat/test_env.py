@@ -52,7 +52,7 @@ def test_shapes_and_types_are_stable_under_every_switch(arena: SimpleNamespace, 
     assert described(after) == described(state)
     assert described(state) == EnvState(
         qpos=((14,), "float32"), qvel=((12,), "float32"), target=((3,), "float32"), clock=((), "int32"),
-        out=((2,), "bool"),
+        down=((2,), "bool"),
     )  # fmt: skip
     # A weak type in what is carried compiles every program twice.
     assert not [leaf for leaf in jax.tree.leaves((state, after, output)) if leaf.weak_type]
@@ -135,7 +135,7 @@ def test_a_diverged_fight_ends_alone(arena: SimpleNamespace, fresh: EnvState, le
     assert output.cause[3] == Cause.DIVERGED
     assert output.terminated[3] and not output.truncated[3]
     assert not any(np.any(term[3]) for term in (output.reward, *output.reward_terms))
-    assert not np.any(after.out[3])
+    assert not np.any(after.down[3])
     for part in jax.tree.leaves((after, output)):
         assert np.all(np.abs(part[3]) < 1e4)  # also false for NaN: nothing spoils a running mean
 
@@ -186,7 +186,7 @@ def test_an_invalid_action_comes_before_what_happens_in_flight_and_after_a_diver
 
 def test_a_drone_that_is_down_gives_no_action(arena: SimpleNamespace, fresh: EnvState):
     """Nor does the absent defender of `solo`, whose flag is the same."""
-    down = fresh.replace(out=fresh.out.at[3, DEFENDER].set(True))
+    down = fresh.replace(down=fresh.down.at[3, DEFENDER].set(True))
     action = np.full((8, 2, 4), 0.1, np.float32)
     bad = action.copy()
     bad[3, DEFENDER] = np.nan

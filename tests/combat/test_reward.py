@@ -28,12 +28,12 @@ NOTHING = RewardTerms(*(np.zeros(2) for _ in RewardTerms._fields))
 
 
 def terms_of(
-    config: Config, cause: Cause = Cause.NONE, crashed=(False, False), out=(False, False)
+    config: Config, cause: Cause = Cause.NONE, crashed=(False, False), down=(False, False)
 ) -> RewardTerms:
-    """The terms of one step in which `crashed` went down, with `out` down before."""
-    crashed, out, no = np.array(crashed), np.array(out), np.array(False)
-    events = Events(no, no, crashed, crashed | out, no)
-    return game_of(config).reward(config, DRONES, TARGET, events, out, np.int32(cause))
+    """The terms of one step in which `crashed` went down, with `down` down before."""
+    crashed, down, no = np.array(crashed), np.array(down), np.array(False)
+    events = Events(no, no, crashed, crashed | down, no)
+    return game_of(config).reward(config, DRONES, TARGET, events, down, np.int32(cause))
 
 
 def dense(share: np.ndarray | float) -> RewardTerms:
@@ -140,18 +140,18 @@ def test_out_a_downed_drone_pays_once_and_then_earns_nothing():
     config = game(crash_rule="out")
     falls = terms_of(config, crashed=(True, False))
     assert_terms(falls, dense(0.02)._replace(crash=np.array([-10, 0])))
-    assert_terms(terms_of(config, out=(True, False)), dense(0.02 * np.array([0, 1])))
+    assert_terms(terms_of(config, down=(True, False)), dense(0.02 * np.array([0, 1])))
 
 
 def test_grounded_a_downed_drone_is_rewarded_as_ever_and_pays_at_every_step():
     config = game(crash_rule="grounded")
-    for down in ({"crashed": (True, False)}, {"out": (True, False)}):
+    for down in ({"crashed": (True, False)}, {"down": (True, False)}):
         assert_terms(terms_of(config, **down), dense(0.02)._replace(crash=np.array([-10, 0])))
 
 
 @pytest.mark.parametrize("crash_rule", ["ends", "out", "grounded"])
 def test_solo_the_absent_defender_neither_earns_nor_pays(crash_rule):
     config = game(scenario="solo", crash_rule=crash_rule)
-    assert_terms(terms_of(config, out=(True, False)), dense(0.02 * np.array([0, 1])))
+    assert_terms(terms_of(config, down=(True, False)), dense(0.02 * np.array([0, 1])))
     crash = terms_of(config, Cause.ATTACKER_CRASH, (False, True), (True, False))
     assert crash.crash.tolist() == [0, -10]

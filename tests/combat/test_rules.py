@@ -35,7 +35,7 @@ class Scenario(NamedTuple):
     expected: tuple[Cause, Cause, Cause]
     solo: Cause
     clock: int = 7
-    out: tuple[bool, bool] = (False, False)
+    down: tuple[bool, bool] = (False, False)
 
 
 SCENARIOS = [
@@ -71,12 +71,12 @@ SCENARIOS = [
     Scenario("within reach already at the start", HOME, ((5, 4.7, 1), (5, 4.4, 1)), (REACHED,) * 3, REACHED),
     # A drone that is down neither strikes, is struck nor crashes again; a downed attacker lies only
     # under `grounded`.
-    Scenario("through a downed defender", (0, 5, 0.1), (0, 5, 0.4), (NONE,) * 3, NONE, out=(True, False)),
-    Scenario("reached past a downed defender", (5, 5, 0.1), TARGET, (REACHED,) * 3, REACHED, out=(True, False)),
-    Scenario("a downed attacker at the target", HOME, (5, 5, 0.9), (NONE,) * 3, NONE, out=(False, True)),
-    Scenario("a downed attacker and the clock", HOME, (0, 0, 0), (TIMEOUT,) * 3, TIMEOUT, LAST, out=(False, True)),
-    Scenario("the attacker follows", (0, 5, 0), (0, 0, 0), (ATTACKER_CRASH, ATTACKER_CRASH, BOTH_CRASH), ATTACKER_CRASH, out=(True, False)),
-    Scenario("the defender follows", (0, 5, 0), (0, 0, 0), (DEFENDER_CRASH, NONE, BOTH_CRASH), NONE, out=(False, True)),
+    Scenario("through a downed defender", (0, 5, 0.1), (0, 5, 0.4), (NONE,) * 3, NONE, down=(True, False)),
+    Scenario("reached past a downed defender", (5, 5, 0.1), TARGET, (REACHED,) * 3, REACHED, down=(True, False)),
+    Scenario("a downed attacker at the target", HOME, (5, 5, 0.9), (NONE,) * 3, NONE, down=(False, True)),
+    Scenario("a downed attacker and the clock", HOME, (0, 0, 0), (TIMEOUT,) * 3, TIMEOUT, LAST, down=(False, True)),
+    Scenario("the attacker follows", (0, 5, 0), (0, 0, 0), (ATTACKER_CRASH, ATTACKER_CRASH, BOTH_CRASH), ATTACKER_CRASH, down=(True, False)),
+    Scenario("the defender follows", (0, 5, 0), (0, 0, 0), (DEFENDER_CRASH, NONE, BOTH_CRASH), NONE, down=(False, True)),
 ]  # fmt: skip
 
 
@@ -85,16 +85,16 @@ def causes(game: GameConfig) -> list[str]:
 
     @jax.jit
     @jax.vmap
-    def judged(before, after, out, clock):
+    def judged(before, after, down, clock):
         return GAMES[game.scenario].judge(
-            game, detect(game, before, after, np.array(TARGET, np.float32), out, clock)
+            game, detect(game, before, after, np.array(TARGET, np.float32), down, clock)
         )
 
     paths = np.array([[path_of(s.defender), path_of(s.attacker)] for s in SCENARIOS], np.float32)
     absent = GAMES[game.scenario].absent
-    out = np.array([s.out for s in SCENARIOS]) | absent
+    down = np.array([s.down for s in SCENARIOS]) | absent
     found = judged(
-        paths[:, :, 0], paths[:, :, 1], out, np.array([s.clock for s in SCENARIOS], np.int32)
+        paths[:, :, 0], paths[:, :, 1], down, np.array([s.clock for s in SCENARIOS], np.int32)
     )
     return [Cause(int(cause)).name for cause in found]
 

@@ -45,7 +45,7 @@ def random_state(seed: int, fights: int) -> EnvState:
         qvel=jnp.asarray(random.normal(size=(fights, 12)) * 8, jnp.float32),
         target=jnp.asarray(random.uniform(-5, 5, size=(fights, 3)), jnp.float32),
         clock=jnp.asarray(random.integers(0, 500, size=fights), jnp.int32),
-        out=jnp.zeros((fights, 2), bool),
+        down=jnp.zeros((fights, 2), bool),
     )
 
 

@@ -45,7 +45,7 @@ def test_start_is_the_papers(thousand: dict[str, EnvState]):
         (state.qvel, 0),
     ):
         np.testing.assert_array_equal(leaf, np.broadcast_to(expected, leaf.shape))
-    assert not np.any(state.clock) and not np.any(state.out)
+    assert not np.any(state.clock) and not np.any(state.down)
 
 
 def test_exploring_starts_move_over_ground_and_change_nothing_else(arena: SimpleNamespace):

@@ -226,3 +226,17 @@ def test_the_room_never_unpickles():
             assert not {"pickle", "cloudpickle", "dill", "shelve", "marshal"} & set(names), source
             if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
                 assert isinstance(node.value, ast.Constant) and node.value.value is False, source
+
+
+def test_leaves_of_an_older_name(tmp_path: Path):
+    """Who is down was called `out` up to format 2: such a checkpoint is read by today's names, and is
+    the same checkpoint when its run comes by that step again.
+    """
+    down = np.array([[True, False]])
+    checkpoint.save(tmp_path, 3, {"env": {"out": down}}, {})
+    template = {"env": {"down": down}}
+    np.testing.assert_array_equal(checkpoint.restore(tmp_path, 3, template)["env"]["down"], down)
+    assert list(checkpoint.load(tmp_path, 3)[0]) == ["env/down"]
+    checkpoint.save(tmp_path, 3, template, {})
+    with pytest.raises(CheckpointError, match="other arrays"):
+        checkpoint.save(tmp_path, 3, {"env": {"down": ~down}}, {})

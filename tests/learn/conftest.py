@@ -57,7 +57,7 @@ class Probe:
 
     def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
         state = self.spawn(draws)
-        return state.replace(out=state.out.at[0].set(alone))
+        return state.replace(down=state.down.at[0].set(alone))
 
     def observe(self, state: EnvState) -> jax.Array:
         # else a final observation was never trained on

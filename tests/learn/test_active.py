@@ -87,7 +87,7 @@ def test_what_a_drone_did_while_it_was_down_changes_nothing(rollout, update):
 
 
 def test_the_step_of_a_crash_counts_and_the_next_does_not(rollout):
-    down, active, idle = (np.asarray(leaf) for leaf in (rollout.out, rollout.active, rollout.idle))
+    down, active, idle = (np.asarray(leaf) for leaf in (rollout.down, rollout.active, rollout.idle))
     ends = np.asarray(rollout.terminated | rollout.truncated)[..., None]
     crashes = down[1:] & ~down[:-1] & ~ends[:-1]
     assert crashes.any() and np.all(active[1:][crashes])

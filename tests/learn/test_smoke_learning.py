@@ -65,7 +65,7 @@ def test_the_absent_defender_stays_as_it_was(run):
         jax.tree.leaves(start.learners), jax.tree.leaves(state.learners), strict=True
     ):
         assert np.asarray(before)[:, DEFENDER].tobytes() == np.asarray(after)[:, DEFENDER].tobytes()
-    assert np.all(state.env.out[..., DEFENDER])
+    assert np.all(state.env.down[..., DEFENDER])
     assert not any(report.crashes[..., DEFENDER].any() for report in reports)
     assert (
         sum(

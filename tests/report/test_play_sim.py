@@ -69,7 +69,7 @@ def start(seed: int = 0, rate: float = 0.0, speed: float = 0.0, height: float = 
         qvel=jnp.asarray(twist.ravel(), jnp.float32),
         target=jnp.asarray([5.0, 5.0, 1.2]),
         clock=jnp.zeros((), jnp.int32),
-        out=jnp.zeros(2, bool),
+        down=jnp.zeros(2, bool),
     )
 
 
@@ -266,10 +266,10 @@ def test_rules_agree(games, crash_rule: str, swept: bool):
     answered = in_node({"game": game_data(config, games("duel").combat.scene), "events": events})
     seen = set()
     for event, (cause, down) in zip(events, answered["causes"], strict=True):
-        before, after, target, out = (
+        before, after, target, down = (
             jnp.asarray(event[name]) for name in ("before", "after", "target", "out")
         )
-        found = detect(rules, before, after, target, out, jnp.int32(event["clock"]))
+        found = detect(rules, before, after, target, down, jnp.int32(event["clock"]))
         wanted = int(judge(rules, found))
         assert (cause, down) == (wanted, np.asarray(found.down).tolist())
         seen.add(wanted)

@@ -54,8 +54,8 @@ def rollout() -> Transition:
 
 def test_the_first_environments_are_the_attackers_alone_in_every_fight(run):
     for state in (run.start, run.state):
-        np.testing.assert_array_equal(state.env.out[0, :, DEFENDER], np.arange(8) < ALONE)
-        assert not np.any(state.env.out[..., ATTACKER])
+        np.testing.assert_array_equal(state.env.down[0, :, DEFENDER], np.arange(8) < ALONE)
+        assert not np.any(state.env.down[..., ATTACKER])
         velocity = np.asarray(state.env.qvel[0]).reshape(8, 2, 6)[:, :, :2]
         assert not np.any(velocity[:ALONE, DEFENDER]) and np.all(velocity[ALONE:] != 0.0)
 

@@ -50,7 +50,7 @@ def as_json(state: EnvState) -> dict[str, Any]:
         "drones": drones,
         "target": np.asarray(state.target).tolist(),
         "clock": int(state.clock),
-        "out": np.asarray(state.out).tolist(),
+        "out": np.asarray(state.down).tolist(),
         "cause": 0,
     }
 

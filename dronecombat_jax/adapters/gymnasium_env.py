@@ -6,7 +6,7 @@
 
 All fights of a vector environment are flown in one jitted call, and its results are copied to NumPy
 once a step. Fight i of seed s is the same however many fights there are, and `CombatEnv` flies fight
-0. Infos have `cause` (a `Cause`), `outcome` (1 won, 0 drawn, -1 lost) and `is_success` of the fights
+0. Infos have `cause` (a `Cause`), `outcome` (1 won, 0 tied, -1 lost) and `is_success` of the fights
 that ended. What does not live here: the game (`combat`), the draws (`one_side`).
 """
 

@@ -130,7 +130,7 @@ def time_limit(combat: Combat) -> int | None:
 
 
 def scores(combat: Combat, role: int) -> np.ndarray:
-    """What an end means for `role`, int32 by `Cause`: 1 won, 0 drawn, -1 lost."""
+    """What an end means for `role`, int32 by `Cause`: 1 won, 0 tied, -1 lost."""
     score = {WINS[role]: 1, Outcome.DRAW: 0, WINS[1 - role]: -1}
     return np.asarray([score[outcome] for outcome in outcome_table(combat.config.game)], np.int32)
 

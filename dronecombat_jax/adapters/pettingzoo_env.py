@@ -40,7 +40,7 @@ class CombatParallelEnv(ParallelEnv):
 
     `state()` is qpos (14), qvel (12), the target's place (3), the share of the time that is over and
     whether each drone is down (2): float32 [32]. Infos: `active`, whether the action had an effect,
-    and at the end `cause` (a `Cause`) and `outcome` (1 won, 0 drawn, -1 lost).
+    and at the end `cause` (a `Cause`) and `outcome` (1 won, 0 tied, -1 lost).
     """
 
     def __init__(self, combat: Combat, render_mode: str | None = None):

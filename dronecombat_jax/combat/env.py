@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.combat.observe import observation_of
+from dronecombat_jax.combat.observe import observation_of, whole_of
 from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import detect, forfeit, timeout_decides
 from dronecombat_jax.combat.sensors import first_memory, refuse_unlimited, remembered, see
@@ -48,6 +48,7 @@ class Combat:
         self.game = game_of(config)
         self.observation = observation_of(config)
         refuse_unlimited(config, self.observation)
+        self.whole = whole_of(config)
 
     @cached_property
     def _fly(self) -> Step:
@@ -67,15 +68,15 @@ class Combat:
     def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """Uniform numbers `[*shape, 9]` in [0, 1), enough to `spawn` that many fights.
 
-        More where something of the drones is drawn, too (`sim.craft.num_draws`).
+        More where something of the drones is drawn, too (`sim.craft.num_draws`); the positions are
+        the same with and without.
         """
-        return jax.random.uniform(key, (*shape, POSITION_DRAWS + num_draws(self.config)))
+        return self._drawn(key, shape, POSITION_DRAWS)
 
     def draw_exploring(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """The same for `explore`: 4 more at the end, where exploring starts are on."""
         moving = self.config.train.start_speed > 0.0
-        spawning = POSITION_DRAWS + num_draws(self.config)
-        return jax.random.uniform(key, (*shape, spawning + moving * VELOCITY_DRAWS))
+        return self._drawn(key, shape, POSITION_DRAWS + moving * VELOCITY_DRAWS)
 
     def spawn(self, draws: jax.Array) -> EnvState:
         """A fight about to start, from `draws` of `draw`.
@@ -141,15 +142,28 @@ class Combat:
         """A fight about to start, drawn from `key`."""
         return self.spawn(self.draw(key, ()))
 
+    def _drawn(self, key: jax.Array, shape: tuple[int, ...], count: int) -> jax.Array:
+        """Uniform numbers `[*shape, count]`, with those of the drones after the positions."""
+        draws = jax.random.uniform(key, (*shape, count))
+        if more := num_draws(self.config):
+            others = jax.random.uniform(jax.random.fold_in(key, 1), (*shape, more))
+            parts = draws[..., :POSITION_DRAWS], others, draws[..., POSITION_DRAWS:]
+            draws = jnp.concatenate(parts, axis=-1)
+        return draws
+
     def observe(self, state: EnvState) -> jax.Array:
         """Observation [A, 35] of the state (eq. 5), as the sensors give it."""
         return see(self.config, self.observation, state)
+
+    def observe_whole(self, state: EnvState) -> jax.Array:
+        """What a central critic sees [A, 37]: the state itself, without errors of sensors."""
+        return self.whole.observe(split(state.qpos, state.qvel), state.target)
 
     def step(self, state: EnvState, action: jax.Array) -> tuple[EnvState, StepOutput]:
         """Fly one control step with `action` [A, 4]. Does not reset: a fight that ended must be
         replaced.
 
-        A state that is not finite ends this fight alone, as a draw with reward 0 (cause DIVERGED),
+        A state that is not finite ends this fight alone, as a tie with reward 0 (cause DIVERGED),
         at rest where it last was: its final observation is finite and cannot spoil a running mean.
         A drone that still flies and whose action is not finite loses the fight (cause .._INVALID),
         with reward 0 for both: it flies on 0 in place of what was not finite. Finite actions are

@@ -10,7 +10,8 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from dronecombat_jax.combat.observe import observation_of
-from dronecombat_jax.config.fields import Config, RandomiseConfig, SensorConfig
+from dronecombat_jax.config.fields import Config, DroneConfig, RandomiseConfig, SensorConfig
+from dronecombat_jax.config.opponents import SIDES
 from dronecombat_jax.config.schema import flatten
 from dronecombat_jax.config.settings import SCHEMA
 
@@ -29,6 +30,7 @@ _LATER = {
     "sim.gust_speed": 0.0,
     "sim.gust_time": 1.0,
     "sim.battery": 0.0,
+    **{f"{side}.{item.name}": item.default for side in SIDES for item in fields(DroneConfig)},
     **{f"randomise.{item.name}": item.default for item in fields(RandomiseConfig)},
     **{f"sensor.{item.name}": item.default for item in fields(SensorConfig)},
 }
@@ -38,13 +40,13 @@ _TRAINING_ONLY = ("game.random_clock",)
 _PLACES = ("sim.mjcf",)
 SCENE = "scene."
 # Sections whose settings a policy meets.
-_MET = ("sim.", "game.", "randomise.", "sensor.")
+_MET = ("sim.", "game.", "defender.", "attacker.", "randomise.", "sensor.")
 
 
 def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
     """What a trained policy meets, as plain JSON by dotted key.
 
-    Version, observation, settings of `sim`, `game`, `randomise` and `sensor`, as `rotors.KEY`
+    Version, observation, the settings of the sections in `_MET`, as `rotors.KEY`
     the numbers of rotors and drag where they are flown, and as `scene.KEY` each number of the scene that is not
     the package's own. `scene`: as it was loaded for `config`; without it the MJCF is
     read anew. Raises UserError where it cannot be.

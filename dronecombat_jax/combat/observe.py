@@ -142,3 +142,17 @@ def layout_of(name: str, game: GameConfig) -> Observation:
     """The observation `name` in a game: of OBSERVATIONS, or MODULE:NAME of one's own."""
     entry = chosen(OBSERVATIONS, name)
     return entry if isinstance(entry, Observation) else entry(game)
+
+
+def whole_of(config: Config) -> Observation:
+    """What a central critic sees: `world`, whatever the policies observe, and who is observing.
+
+    The identity is 1 at the observing drone's own number and 0 at the others'.
+    """
+    world = layout_of("world", config.game)
+
+    def observe(drones: Drones, target: jax.Array) -> jax.Array:
+        seen = world.observe(drones, target)
+        return jnp.concatenate([seen, jnp.eye(seen.shape[0])], axis=-1)
+
+    return Observation((*world.fields, ("identity", NUM_AGENTS)), observe)

@@ -18,7 +18,7 @@ from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim import noise
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.rotation import multiply, rotate_inverse
-from dronecombat_jax.types import NUM_AGENTS, Drones, EnvState
+from dronecombat_jax.types import NUM_AGENTS, SIDES, Craft, Drones, EnvState
 
 ERRORS = 12  # of a drone: position, attitude, velocity, rate
 ALL_ROUND = 360.0  # degrees
@@ -49,10 +49,28 @@ def first_memory(sensor: SensorConfig, state: EnvState) -> EnvState:
 
 def see(config: Config, observation: Observation, state: EnvState) -> jax.Array:
     """Observation [A, size] of the state, as the sensors of `config` give it."""
-    sensor, craft = config.sensor, state.craft
-    if craft is None or sensor == SensorConfig():
+
+    def exact() -> jax.Array:
         drones = split(state.qpos, state.qvel)
         return _look(observation, drones, state.target, _upright(observation, state))
+
+    if state.craft is None or config.sensor == SensorConfig():
+        return exact()
+    seen = _sensed(config, observation, state, state.craft)
+    if config.sensor.side == "both":
+        return seen
+    sensing = jnp.asarray([side == config.sensor.side for side in SIDES])
+    return jnp.where(sensing[:, None], seen, exact())
+
+
+def noisy(sensor: SensorConfig) -> bool:
+    """Whether a measurement has errors."""
+    return any(_deviations(sensor))
+
+
+def _sensed(config: Config, observation: Observation, state: EnvState, craft: Craft) -> jax.Array:
+    """Observation [A, size] of both sides by sensors."""
+    sensor = config.sensor
     age = jnp.zeros((), jnp.int32)
     qpos, qvel = state.qpos, state.qvel
     if craft.memory is not None:
@@ -126,11 +144,6 @@ def _look(
     if seen is None or observation.partial is None:
         return observation.observe(drones, target)
     return observation.partial(drones, target, seen)
-
-
-def noisy(sensor: SensorConfig) -> bool:
-    """Whether a measurement has errors."""
-    return any(_deviations(sensor))
 
 
 def _errors(sensor: SensorConfig, word: jax.Array, made: jax.Array) -> jax.Array:

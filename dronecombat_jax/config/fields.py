@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from dronecombat_jax.config import opponents
 from dronecombat_jax.config.game_fields import (
+    DroneConfig,
     GameConfig,
     RandomiseConfig,
     RewardConfig,
@@ -24,6 +25,7 @@ from dronecombat_jax.config.training_fields import (
 
 __all__ = [
     "Config",
+    "DroneConfig",
     "GameConfig",
     "LearnConfig",
     "RandomiseConfig",
@@ -42,6 +44,8 @@ class Config:
     """A whole run. Defaults < preset file < command-line flags."""
 
     sim: SimConfig = field(default_factory=SimConfig)
+    defender: DroneConfig = field(default_factory=DroneConfig)
+    attacker: DroneConfig = field(default_factory=DroneConfig)
     randomise: RandomiseConfig = field(default_factory=RandomiseConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
     game: GameConfig = field(default_factory=GameConfig)

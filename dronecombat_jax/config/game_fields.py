@@ -76,11 +76,34 @@ class RandomiseConfig:
 
 
 @dataclass(frozen=True)
+class DroneConfig:
+    """How the drones of one side differ from the nominal body, in every fight: factors.
+
+    Commands keep the nominal scale. What `randomise` draws lies around them.
+    """
+
+    mass: float = setting(1.0, "mass over the nominal one", low=0.1, high=10.0)
+    inertia: float = setting(1.0, "inertia over the nominal one", low=0.1, high=10.0)
+    thrust: float = setting(
+        1.0, "thrust and moments for a command over the nominal ones", low=0.0, high=10.0
+    )
+    lag: float = setting(1.0, "the rotors' lag over the nominal one", low=0.001, high=100.0)
+    drag: float = setting(1.0, "drag over the nominal one", low=0.0, high=100.0)
+    battery: float = setting(
+        1.0, "the battery's voltage at rest over the nominal one", low=0.1, high=2.0
+    )
+
+
+@dataclass(frozen=True)
 class SensorConfig:
     """What policies observe of both drones; each side has errors of its own, of a normal law.
 
     Range, field of view and drop-out hide the other drone: its numbers are then 0.
     """
+
+    side: Literal["both", "defender", "attacker"] = setting(
+        "both", "whose policies observe so; the others observe the state itself"
+    )
 
     position_noise: float = setting(
         0.0, "deviation of each coordinate", unit="m", low=0.0, high=1.0

@@ -131,8 +131,7 @@ def _actuation(config: Config) -> Iterator[Problem]:
 
 
 def _air_and_sensors(config: Config) -> Iterator[Problem]:
-    sim, ideal = config.sim, config.sim.actuation == "wrench"
-    sensor = config.sensor
+    sim, sensor = config.sim, config.sensor
     if sensor.bias and not any(
         (
             sensor.position_noise,
@@ -151,14 +150,23 @@ def _air_and_sensors(config: Config) -> Iterator[Problem]:
             ("sim.gust_speed", "sim.drag"),
             f"sim.gust_speed = {sim.gust_speed:g} pushes by drag: sim.drag must be true",
         )
+    yield from _nothing_to_vary(config)
+
+
+def _nothing_to_vary(config: Config) -> Iterator[Problem]:
+    """What is drawn, or differs from the nominal drone, must be there."""
+    sim = config.sim
+    ideal = sim.actuation == "wrench"
     absent = {"lag": ideal, "drag": not sim.drag, "battery": not sim.battery}
-    for name in ("lag", "drag", "battery"):
-        if absent[name] and (share := getattr(config.randomise, name)):
-            needed = "sim.actuation other than wrench" if name == "lag" else f"sim.{name}"
-            yield Problem(
-                (f"randomise.{name}", f"sim.{'actuation' if name == 'lag' else name}"),
-                f"randomise.{name} = {share:g} needs {needed}, or there is nothing to vary",
-            )
+    for name in (name for name, missing in absent.items() if missing):
+        needed = "sim.actuation other than wrench" if name == "lag" else f"sim.{name}"
+        for section, neutral in (("randomise", 0.0), ("defender", 1.0), ("attacker", 1.0)):
+            value = getattr(getattr(config, section), name)
+            if value != neutral:
+                yield Problem(
+                    (f"{section}.{name}", f"sim.{'actuation' if name == 'lag' else name}"),
+                    f"{section}.{name} = {value:g} needs {needed}, or there is nothing to vary",
+                )
 
 
 def _game(config: Config) -> Iterator[Problem]:
@@ -200,6 +208,11 @@ def _learning(config: Config) -> Iterator[Problem]:
             f"train.solo_share = {config.train.solo_share:g} leaves the defender {config.train.num_envs - config.solo_envs} "
             f"environments and {together} steps a rollout, which must be a multiple of learn.minibatches = "
             f"{learn.minibatches}",
+        )
+    if learn.critic == "central" and learn.algorithm != "ppo":
+        yield Problem(
+            ("learn.critic", "learn.algorithm"),
+            f"learn.critic = central needs learn.algorithm = ppo: what {learn.algorithm} sees is its own business",
         )
     low, start, high = learn.min_learning_rate, learn.learning_rate, learn.max_learning_rate
     if low > high or (learn.learning_rate_schedule == "kl" and not low <= start <= high):

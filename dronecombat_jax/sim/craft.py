@@ -7,11 +7,12 @@ drawn one: a drone heavier than its controller thinks sinks on the command for h
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.config.fields import Config, SensorConfig, SimConfig
+from dronecombat_jax.config.fields import Config, DroneConfig, SensorConfig, SimConfig
 from dronecombat_jax.sim import noise
 from dronecombat_jax.sim.actuation import (
     ACTUATIONS,
@@ -42,7 +43,7 @@ Push = Callable[[Drones, jax.Array, Craft], jax.Array]
 def is_ideal(config: Config) -> bool:
     """Whether the drones are rigid bodies under an ideal wrench, seen exactly, and nothing else."""
     sim = config.sim
-    alike = config.sensor == SensorConfig() and not _drawn(config)
+    alike = config.sensor == SensorConfig() and not (_drawn(config) or _other(config))
     return alike and sim.actuation == "wrench" and not sim.drag and not sim.gust_speed
 
 
@@ -64,6 +65,9 @@ def spawn_craft(config: Config, scene: Scene, draws: jax.Array) -> Craft | None:
         centred = 2.0 * draws[:size].reshape(len(_names()), NUM_AGENTS) - 1.0
         ranges = [getattr(config.randomise, name) for name in _names()]
         drawn = Drawn(*(1.0 + share * row for share, row in zip(ranges, centred, strict=True)))
+    if _other(config):
+        factors = Drawn(*(_factors(config, name) for name in _names()))
+        drawn = factors if drawn is None else jax.tree.map(jnp.multiply, factors, drawn)
     if _hashes(config):
         word = noise.word_of(draws[-1])
     return Craft(
@@ -186,13 +190,22 @@ def _gust(sim: SimConfig, craft: Craft, clock: jax.Array) -> Craft:
 
 def _hashes(config: Config) -> bool:
     """Whether something random goes on during a fight: gusts, noise or drop-outs."""
-    certain = ("latency", "period", "range", "field_of_view")
-    quiet = SensorConfig(**{name: getattr(config.sensor, name) for name in certain})
-    return config.sim.gust_speed > 0.0 or config.sensor != quiet
+    certain = {"side": "both", "latency": 0, "period": 1, "range": 0.0, "field_of_view": 360.0}
+    return config.sim.gust_speed > 0.0 or replace(config.sensor, **certain) != SensorConfig()
 
 
 def _drawn(config: Config) -> bool:
     return any(getattr(config.randomise, name) for name in _names())
+
+
+def _other(config: Config) -> bool:
+    """Whether a side's drone is another than the nominal one in every fight."""
+    return (config.defender, config.attacker) != (DroneConfig(), DroneConfig())
+
+
+def _factors(config: Config, name: str) -> jax.Array:
+    """[A] of one number, over the nominal one."""
+    return jnp.asarray([getattr(config.defender, name), getattr(config.attacker, name)])
 
 
 def _names() -> list[str]:

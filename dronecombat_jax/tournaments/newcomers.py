@@ -42,7 +42,7 @@ class Rated(NamedTuple):
     high: float  # inf where it was never beaten
     place: int  # among the players of its role on the ladder, 1 the best; itself counted once
     places: int
-    score: float  # mean over its fights: a win 1, a draw 1/2
+    score: float  # mean over its fights: a win 1, a tie 1/2
     fights: int
     worst: tuple[tuple[str, float], ...]  # those who beat it, the worst first, and its score
     notes: tuple[str, ...]  # what a reader should know, one line each

@@ -79,7 +79,7 @@ assert dc.train(PRESET, {"run.name": NAME, "run.video": False}) == run
 # ## Learning curves
 #
 # `runs/NAME/figures/learning.png` was drawn at the end of the training. The defender is blue, the attacker orange.
-# Blue areas of the first panel are good for the defender, orange ones for the attacker, grey ones are draws.
+# Blue areas of the first panel are good for the defender, orange ones for the attacker, grey ones are ties.
 
 # %%
 from IPython.display import Image, display

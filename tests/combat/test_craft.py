@@ -1,5 +1,6 @@
 """Fights of drones that are more than ideal rigid bodies: what is carried, drawn and kept."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import jax
@@ -9,7 +10,13 @@ import pytest
 
 from dronecombat_jax.combat import scripted
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config.fields import Config, RandomiseConfig, SimConfig, TrainConfig
+from dronecombat_jax.config.fields import (
+    Config,
+    DroneConfig,
+    RandomiseConfig,
+    SimConfig,
+    TrainConfig,
+)
 from dronecombat_jax.sim import noise
 from dronecombat_jax.types import DEFENDER, Cause, Drawn, EnvState
 
@@ -83,6 +90,23 @@ def test_commands_keep_the_nominal_scale():
     after, _ = jax.jit(jax.vmap(combat.step))(start, hover)
     climb = after.qvel.reshape(SIZE, 2, 6)[..., 2]
     np.testing.assert_allclose(climb, 0.02 * 9.81 * (1 / drawn_in(start).mass - 1), atol=1e-5)
+
+
+def test_one_sides_drone_may_differ_in_every_fight(arena: SimpleNamespace, real: SimpleNamespace):
+    """Factors without a draw; around them lies what is drawn. Fights start in the same places."""
+    heavy = replace(Config(), defender=DroneConfig(mass=1.5), attacker=DroneConfig(thrust=0.5))
+    combat = Combat(heavy, arena.combat.scene)
+    start = jax.vmap(combat.spawn)(combat.draw(KEY, (SIZE,)))
+    exact = jax.vmap(arena.combat.spawn)(arena.combat.draw(KEY, (SIZE,)))
+    np.testing.assert_array_equal(start.qpos, exact.qpos)
+    np.testing.assert_array_equal(drawn_in(start).mass, [[1.5, 1.0]] * SIZE)
+    np.testing.assert_array_equal(drawn_in(start).thrust, [[1.0, 0.5]] * SIZE)
+    both = Combat(replace(REAL, defender=DroneConfig(mass=2.0, drag=0.0)), real.combat.scene)
+    other = jax.vmap(both.spawn)(both.draw(KEY, (SIZE,)))
+    np.testing.assert_array_equal(other.qpos, exact.qpos)
+    expected = np.asarray(drawn_in(real.start).mass) * [2.0, 1.0]
+    np.testing.assert_allclose(drawn_in(other).mass, expected, rtol=1e-6)
+    assert not np.any(np.asarray(drawn_in(other).drag)[:, 0])
 
 
 def test_a_scaled_inertia_turns_less(real: SimpleNamespace):

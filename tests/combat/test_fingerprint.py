@@ -29,7 +29,7 @@ from dronecombat_jax.sim.scene import load_scene
 from dronecombat_jax.types import SIDES
 
 NOT_MET = ("game.random_clock", "sim.mjcf")  # what an MJCF says is met, wherever it lies
-GAME = ("sim.", "game.", "randomise.", "sensor.")
+GAME = ("sim.", "game.", "defender.", "attacker.", "randomise.", "sensor.")
 GAME_SETTINGS = [key for key in settings.SCHEMA if key.startswith(GAME) and key not in NOT_MET]
 # As released with commit 87207b8: old runs resume, old policy files fly, old tournaments go on.
 GOLDEN = {

@@ -11,7 +11,7 @@ import pytest
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import Config, SensorConfig
-from dronecombat_jax.types import Craft, EnvState
+from dronecombat_jax.types import SIDES, Craft, EnvState
 
 KEY = jax.random.key(0)
 SIZE = 4000
@@ -51,6 +51,14 @@ def test_errors_have_their_deviations_and_each_side_its_own(arena: SimpleNamespa
     np.testing.assert_allclose(np.linalg.norm(seen[..., 3:7], axis=-1), 1.0, rtol=1e-5)
     of_sides = [np.corrcoef(errors[:, 0, i], errors[:, 1, i])[0, 1] for i in (0, 17, 20)]
     assert np.abs(of_sides).max() < 0.06
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_one_side_may_sense_alone(arena: SimpleNamespace, still, side: str):
+    exact, seen = np.asarray(arena.combat.observe(still)), many(still, replace(NOISE, side=side))
+    own, other = SIDES.index(side), 1 - SIDES.index(side)
+    np.testing.assert_array_equal(seen[:, other], np.broadcast_to(exact[other], (SIZE, 35)))
+    np.testing.assert_array_equal(seen[:, own], many(still, NOISE)[:, own])
 
 
 def test_a_bias_stays_for_the_fight(still):

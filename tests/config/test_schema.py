@@ -186,7 +186,7 @@ def allowed_values(entry: schema.Setting) -> st.SearchStrategy:
         (
             "qqqqq = 3\n",
             1,
-            "there are: sim, randomise, sensor, game, reward, learn, selfplay, train, run",
+            "there are: sim, defender, attacker, randomise, sensor, game, reward, learn, selfplay, train, run",
         ),
         ('extends = "duel"\n', 1, "extends"),
         ('["train"]\n"num_env" = 3\n', 2, "did you mean train.num_envs?"),

@@ -12,7 +12,7 @@ from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.observe import observation_of, whole_of
 from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import detect, forfeit, timeout_decides
-from dronecombat_jax.combat.sensors import first_memory, remembered, see
+from dronecombat_jax.combat.sensors import first_memory, refuse_unlimited, remembered, see
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.machine import jax_variables
 from dronecombat_jax.sim.craft import (
@@ -47,6 +47,7 @@ class Combat:
         self.scene = scene or load_scene(config.sim, sides=self.sides)
         self.game = game_of(config)
         self.observation = observation_of(config)
+        refuse_unlimited(config, self.observation)
         self.whole = whole_of(config)
 
     @property

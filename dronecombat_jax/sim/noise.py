@@ -8,7 +8,7 @@ cost more than the step. Hash: lowbias32 (C. Wellons, "Prospecting for hash func
 import jax
 import jax.numpy as jnp
 
-GUSTS, NOISE, BIAS = 1, 2, 3  # streams: what the numbers are drawn for
+GUSTS, NOISE, BIAS, DROPOUT = 1, 2, 3, 4  # streams: what the numbers are drawn for
 
 
 def word_of(draw: jax.Array) -> jax.Array:

@@ -59,7 +59,7 @@ class Delayed:
             qvel=jnp.zeros(1),
             target=jnp.zeros(3),
             clock=jnp.zeros((), jnp.int32),
-            out=jnp.zeros(2, bool),
+            down=jnp.zeros(2, bool),
         )
 
     def observe(self, state: EnvState) -> jax.Array:

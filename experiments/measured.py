@@ -96,12 +96,11 @@ def against(run: Path) -> dict[str, float]:
     saved = load_run(run)
     winner = np.asarray(outcome_table(saved.config.game))
 
-    def won(side: Outcome, **pilot: str) -> float:
-        result = play(saved, 0, Match(FIGHTS, **pilot))
-        return float(np.mean(winner[result.cause] == side))
+    def won(side: Outcome, match: Match) -> float:
+        return float(np.mean(winner[play(saved, 0, match).cause] == side))
 
-    found = {name: won(Outcome.ATTACKER, defender=name) for name in DEFENDERS}
-    return found | {name: won(Outcome.DEFENDER, attacker=name) for name in ATTACKERS}
+    past = {name: won(Outcome.ATTACKER, Match(FIGHTS, defender=name)) for name in DEFENDERS}
+    return past | {name: won(Outcome.DEFENDER, Match(FIGHTS, attacker=name)) for name in ATTACKERS}
 
 
 def markdown(rows: Sequence[tuple[str, str, list[dict[str, Any]]]]) -> str:

@@ -1,5 +1,5 @@
-"""What each drone sees, as one vector: eq. 5 in two frames, or as a camera. Plain arrays of one
-fight.
+"""What each drone sees, as one vector: eq. 5 in two frames, the nearest others, or as a camera. Plain
+arrays of one fight.
 
 To add one, write a function here, name it in OBSERVATIONS with its fields, and among the choices of
 `config.GameConfig.observation`. What does not live here: errors, delays and who is hidden
@@ -14,7 +14,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dronecombat_jax.combat.sight import DOWN, Fields, bearing_fields, observe_bearing
+from dronecombat_jax.combat.sight import (
+    DOWN,
+    Fields,
+    bearing_fields,
+    nearest_fields,
+    observe_bearing,
+    observe_nearest,
+)
 from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.config.own import chosen
 from dronecombat_jax.sim.rotation import conjugate, multiply, rotate, rotate_inverse
@@ -124,11 +131,18 @@ def bearing(game: GameConfig) -> Observation:
     return Observation(bearing_fields(game.sides), look, look, flagged=True)
 
 
+def nearest(game: GameConfig) -> Observation:
+    """The `game.nearest_k` nearest team mates and opponents (`sight.observe_nearest`)."""
+    look = functools.partial(observe_nearest, SIDE_OF_AGENT, game.nearest_k)
+    return Observation(nearest_fields(game.nearest_k), look, look, flagged=True)
+
+
 # An observation, or a function that makes one for the rules of a game.
 OBSERVATIONS: dict[str, Observation | Callable[[GameConfig], Observation]] = {
     "world": hiding(WORLD_FIELDS, observe_world),
     "ego": hiding(EGO_FIELDS, observe_ego),
     "bearing": bearing,
+    "nearest": nearest,
 }
 
 

@@ -195,11 +195,15 @@ class GameConfig:
     timeout_rule: Literal["draw", "defender"] = setting(
         "draw", "who wins at time-out: nobody, or the defender (the attacker has failed)"
     )
-    observation: Literal["world", "ego", "bearing"] = setting(
+    observation: Literal["world", "ego", "bearing", "nearest"] = setting(
         "world",
         "world: eq. 5 for both agents; ego: the same in the observing drone's own frame; bearing: of "
-        "the other drone its direction alone, as a camera gives",
+        "the other drone its direction alone, as a camera gives; nearest: the nearest team mates and "
+        "opponents, in the own frame",
         own=True,
+    )
+    nearest_k: int = setting(
+        2, "observation nearest: slots for team mates and for opponents, each", low=1, high=8
     )
     random_clock: bool = setting(True, "draw the episode clock uniformly at a run's first reset")
 

@@ -14,7 +14,11 @@ class SimConfig:
     """Flight: one rigid body per drone, stepped by MJX."""
 
     body: Literal["isaac", "firmware", "menagerie", "p250", "upgrade", "brushless", "racer"] = (
-        setting("isaac", "mass, inertia and rotors of both drones (docs/how_to/real_drone.md)")
+        setting(
+            "isaac",
+            "mass, inertia and rotors of both drones (docs/how_to/real_drone.md)",
+            file=".toml",
+        )
     )
     actuation: Literal["wrench", "rotors", "mixed", "ctbr"] = setting(
         "wrench",

@@ -26,7 +26,6 @@ from dronecombat_jax.sim.flight import build_turn, limit_rate, principal_axes, s
 from dronecombat_jax.sim.fluid import Drag, drags
 from dronecombat_jax.sim.physics import build_physics
 from dronecombat_jax.sim.rotation import body_z, rotate, rotate_inverse
-from dronecombat_jax.sim.rotors import ROTORS
 from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import NUM_AGENTS, Craft, Drawn, Drones
 
@@ -153,14 +152,17 @@ def _pushing(sim: SimConfig, scene: Scene) -> Push:
     fluid = drags(scene.flown)[0] if scene.flown.in_fluid else None
     still = jnp.asarray(scene.flown.wind, jnp.float32)
     inwards, outwards = principal_axes(scene)
+    own = None
+    if sim.drag and scene.rotors is not None:  # with bodies whose principal axes are their own
+        own = jnp.broadcast_to(jnp.asarray(scene.rotors.drag), (NUM_AGENTS, 3))
 
     def push(drones: Drones, thrust: jax.Array, craft: Craft) -> jax.Array:
         heavy = mass if craft.drawn is None else mass * craft.drawn.mass[:, None]
-        if fluid is None and not sim.drag:
+        if fluid is None and own is None:
             return (mass / heavy * thrust[:, None]) * body_z(drones.quaternion)
         into = lambda vector: inwards(rotate_inverse(drones.quaternion, vector))
         air = still if craft.wind is None else still + craft.wind
-        drag, slope = _resistance(sim, fluid, craft).resist(into(drones.velocity - air))
+        drag, slope = _resistance(own, fluid, craft).resist(into(drones.velocity - air))
         weight = into(jnp.broadcast_to(gravity, drones.velocity.shape))
         force = thrust[:, None] * inwards(jnp.asarray([[0.0, 0.0, 1.0]] * NUM_AGENTS))
         sped = (force + drag + heavy * weight) / (heavy + sim.timestep * slope)
@@ -169,12 +171,11 @@ def _pushing(sim: SimConfig, scene: Scene) -> Push:
     return push
 
 
-def _resistance(sim: SimConfig, fluid: Drag | None, craft: Craft) -> Drag:
-    """Drag of the fluid of an MJCF, and that of the body, along the principal axes."""
+def _resistance(own: jax.Array | None, fluid: Drag | None, craft: Craft) -> Drag:
+    """Drag of the fluid of an MJCF, and that of the body `own` [A, 3], along the principal axes."""
     viscous = jnp.zeros((NUM_AGENTS, 3)) if fluid is None else fluid.viscous
     quadratic = jnp.zeros((NUM_AGENTS, 3)) if fluid is None else fluid.quadratic
-    if sim.drag:  # with bodies whose principal axes are their own
-        own = jnp.broadcast_to(jnp.asarray(ROTORS[sim.body].drag), (NUM_AGENTS, 3))
+    if own is not None:
         viscous = viscous + (own if craft.drawn is None else craft.drawn.drag[:, None] * own)
     return Drag(viscous, quadratic)
 

@@ -14,6 +14,7 @@ import numpy as np
 from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.sim import mjcf, own_drone
 from dronecombat_jax.sim.flown import ALIGNED, DRONES, Flown, rigid_bodies
+from dronecombat_jax.sim.rotors import Rotors
 from dronecombat_jax.sim.source import (
     CAMERAS,
     TARGET,
@@ -39,7 +40,8 @@ class Scene:
     path: Path
     full: mujoco.MjModel
     lean: mujoco.MjModel
-    flown: Flown  # every number that a step depends on
+    flown: Flown  # every number that a step of rigid bodies depends on
+    rotors: Rotors | None  # and one with rotors or drag; None: nothing says them
     qpos: tuple[slice, slice]  # 7 each: xyz in m (world), quaternion wxyz
     qvel: tuple[slice, slice]  # 6 each: m/s in the world frame, rad/s in the body frame
     bodies: tuple[int, int]
@@ -74,6 +76,7 @@ def load_scene(sim: SimConfig, path: Path | None = None) -> Scene:
         full=full,
         lean=rigid_bodies(flown, sim.timestep, for_mjx=True),
         flown=flown,
+        rotors=written.rotors,
         qpos=(slice(0, 7), slice(7, 14)),
         qvel=(slice(0, 6), slice(6, 12)),
         bodies=(body_id(DRONES[0]), body_id(DRONES[1])),

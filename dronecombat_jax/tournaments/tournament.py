@@ -82,7 +82,7 @@ def tournament(
     defenders, attackers = ([seat.entrant for seat in side] for side in field.seats)
     combat = Combat(field.config)
     met = environment(field.config, combat.scene)  # as it is flown, whatever becomes of its files
-    with _claim(path) as folder:
+    with claim(path) as folder:
         context = context_of(met, rules)
         identities = [[entrant.identity for entrant in side] for side in (defenders, attackers)]
         cause, steps = read_cells(
@@ -148,7 +148,7 @@ def context_of(met: dict[str, Any], rules: Rules) -> dict[str, Any]:
 
 
 @contextmanager
-def _claim(folder: Path) -> Iterator[Path]:
+def claim(folder: Path) -> Iterator[Path]:
     """The tournament's folder, made where it is not there, for this process alone."""
     try:
         (folder / CELLS_NAME).mkdir(parents=True, exist_ok=True)

@@ -66,11 +66,11 @@ def policy_step(learn: LearnConfig, learner: Learner, rollout: Transition) -> np
 
 
 def main() -> None:
-    """Print one line for each draw and value of `learn.inactive_steps`."""
+    """Print one line for each seed and value of `learn.inactive_steps`."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--chunk", type=int, default=None)
-    parser.add_argument("--seeds", type=int, default=3, help="draws")
+    parser.add_argument("--seeds", type=int, default=3, help="random repetitions")
     given = parser.parse_args()
     run = load_run(given.run, given.chunk)
     learner = select(jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), run.state.learners), DEFENDER)
@@ -85,7 +85,7 @@ def main() -> None:
             a, b = (policy_step(learn, learner, flown) for flown in (rollout, other))
             cosine = float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
             print(
-                f"draw {seed}: down {share:.2f}, inactive_steps {steps:<5} cosine {cosine:.4f}",
+                f"seed {seed}: down {share:.2f}, inactive_steps {steps:<5} cosine {cosine:.4f}",
                 flush=True,
             )
 

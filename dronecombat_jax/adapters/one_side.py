@@ -37,7 +37,7 @@ class Bout(struct.PyTreeNode):
     """
 
     fight: EnvState
-    key: jax.Array  # [] what is drawn next is drawn from it, once
+    key: jax.Array  # [] the next random numbers come from it, once
     opponent: jax.Array  # [] int32, which of the opponents flies this fight
 
 
@@ -95,7 +95,7 @@ def begin(combat: Combat, key: jax.Array, exploring: bool) -> EnvState:
     """
     if not exploring:
         return combat.reset(key)
-    return combat.explore(combat.draw_exploring(key, ()), jnp.zeros((), bool))
+    return combat.explore(combat.exploring_numbers(key, ()), jnp.zeros((), bool))
 
 
 def role_of(side: int | str) -> int:

@@ -99,8 +99,8 @@ class CombatParallelEnv(ParallelEnv):
         of the last seed. No options are known.
         """
         if seed is not None or self._words is None:
-            drawn = int(np.random.default_rng().integers(2**63)) if seed is None else seed
-            self._words, self._episode = seed_words(drawn), 0
+            number = int(np.random.default_rng().integers(2**63)) if seed is None else seed
+            self._words, self._episode = seed_words(number), 0
         self._fight, observation = self._begin(self._words, np.uint32(self._episode))
         self._episode += 1
         self.agents = list(self.possible_agents)
@@ -142,7 +142,7 @@ class CombatParallelEnv(ParallelEnv):
         return self._frames.show(self.render_mode, self.fight)
 
     def close(self) -> None:
-        """Give the drawing's resources back."""
+        """Give the pictures' resources back."""
         self._frames.close()
 
     def _pair(self, actions: Mapping[str, Any]) -> NDArray[np.float32]:

@@ -35,7 +35,7 @@ from dronecombat_jax.types import (
     Policy,
 )
 
-STARTS, NOISE = 0, 1  # what the tournament's seed is drawn on for
+STARTS, NOISE = 0, 1  # what the tournament's seed is used for
 
 
 class Layout(NamedTuple):
@@ -135,7 +135,7 @@ def fight_key(seed: jax.Array, words: jax.Array, episode: jax.Array) -> jax.Arra
     """The key of one stochastic fight: of the seed, `words` [4] of both players, and the episode,
     and of nothing else.
 
-    As the key of `match.fight` for this fight alone it gives the same draws.
+    As the key of `match.fight` for this fight alone it gives the same random numbers.
     """
     key = jax.random.fold_in(jax.random.key(seed), NOISE)
     for number in (*words, episode):
@@ -199,8 +199,8 @@ def _policies(kind: Kind, policies: Policy, side: Side, role: int, keys: jax.Arr
 
 
 def _noise(role: int, key: jax.Array, clock: jax.Array) -> jax.Array:
-    """What `match.fight` of one fight alone draws for the policy of `role` in the step after
-    `clock`: [4].
+    """The random numbers [4] of `match.fight` of one fight alone for the policy of `role` in the
+    step after `clock`.
     """
     return jax.random.normal(
         jax.random.split(jax.random.fold_in(key, clock), NUM_SIDES)[role], (1, ACTION_SIZE)

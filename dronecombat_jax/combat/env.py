@@ -18,18 +18,18 @@ from dronecombat_jax.machine import jax_variables
 from dronecombat_jax.sim.craft import (
     CraftStep,
     build_craft_step,
-    num_draws,
+    num_random,
     spawn_craft,
 )
 from dronecombat_jax.sim.flight import Step, build_step, split
 from dronecombat_jax.sim.scene import Scene, load_scene
 from dronecombat_jax.types import NUM_AGENTS, Cause, EnvState, StepOutput
 
-# Start positions of defender, attacker and target in m; the altitudes are drawn.
+# Start positions of defender, attacker and target in m; the altitudes are random.
 START = ((0.0, 5.0), (0.0, 0.0), (5.0, 5.0))
 ARENA_HALF_WIDTH = 5.0
-POSITION_DRAWS = 9  # three positions
-VELOCITY_DRAWS = 4  # two drones over ground
+POSITION_NUMBERS = 9  # three positions
+VELOCITY_NUMBERS = 4  # two drones over ground
 
 # A body state beyond this is a diverged simulation: no drone gets there in one episode.
 MAX_COORDINATE = 1e4
@@ -63,34 +63,38 @@ class Combat:
         with jax.ensure_compile_time_eval():
             return build_craft_step(self.config.sim, self.scene)
 
-    def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    def start_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """Uniform numbers `[*shape, 9]` in [0, 1), enough to `spawn` that many fights.
 
-        More where something of the drones is drawn, too (`sim.craft.num_draws`); the positions are
+        More where the drones' numbers are random, too (`sim.craft.num_random`); the positions are
         the same with and without.
         """
-        return self._drawn(key, shape, POSITION_DRAWS)
+        return self._numbers(key, shape, POSITION_NUMBERS)
 
-    def draw_exploring(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+        """`start_numbers` by its name in version 0.1.0."""
+        return self.start_numbers(key, shape)
+
+    def exploring_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """The same for `explore`: 4 more at the end, where exploring starts are on."""
         moving = self.config.train.start_speed > 0.0
-        return self._drawn(key, shape, POSITION_DRAWS + moving * VELOCITY_DRAWS)
+        return self._numbers(key, shape, POSITION_NUMBERS + moving * VELOCITY_NUMBERS)
 
-    def spawn(self, draws: jax.Array) -> EnvState:
-        """A fight about to start, from `draws` of `draw`.
+    def spawn(self, numbers: jax.Array) -> EnvState:
+        """A fight about to start, from the `numbers` [K] that `start_numbers` gives for it.
 
         In `solo` the attacker flies alone; the defender stands still at its start and takes no
         part.
         """
         game = self.config.game
-        craft = spawn_craft(self.config, self.scene, draws[POSITION_DRAWS:])
+        craft = spawn_craft(self.config, self.scene, numbers[POSITION_NUMBERS:])
         if craft is not None:
-            draws = draws[:POSITION_DRAWS]
-        draws = draws.reshape(3, 3)
-        altitude = game.spawn_altitude_low + draws[:, 2] * (
+            numbers = numbers[:POSITION_NUMBERS]
+        numbers = numbers.reshape(3, 3)
+        altitude = game.spawn_altitude_low + numbers[:, 2] * (
             game.spawn_altitude_high - game.spawn_altitude_low
         )
-        offset = 2.0 * draws[:, :2] - 1.0
+        offset = 2.0 * numbers[:, :2] - 1.0
         spread = [
             [max(game.spawn_spread, game.defender_spread)],
             [game.spawn_spread],
@@ -114,21 +118,21 @@ class Combat:
         )
         return first_memory(self.config.sensor, state)
 
-    def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
-        """A fight about to start in training, from `draws` of `draw_exploring`; `alone` [] bool:
-        the defender is absent.
+    def explore(self, numbers: jax.Array, alone: jax.Array) -> EnvState:
+        """A fight about to start in training, from the `numbers` of `exploring_numbers`; `alone` []
+        bool: the defender is absent.
 
         Up to `train.start_speed` m/s along x and along y, each drone already moves: exploring
         starts (Sutton and Barto, section 5.3). The fights that count, in evaluations and
         tournaments, `spawn` at rest.
         """
-        spawning = POSITION_DRAWS + num_draws(self.config)
-        state = self.spawn(draws[:spawning])
+        spawning = POSITION_NUMBERS + num_random(self.config)
+        state = self.spawn(numbers[:spawning])
         state = state.replace(down=state.down | jnp.stack([alone, jnp.zeros((), bool)]))
         if self.config.train.start_speed == 0.0:
             return state
         over_ground = self.config.train.start_speed * (
-            2.0 * draws[spawning:].reshape(NUM_AGENTS, 2) - 1.0
+            2.0 * numbers[spawning:].reshape(NUM_AGENTS, 2) - 1.0
         )
         over_ground = jnp.where(state.down[:, None], 0.0, over_ground)
         state = state.replace(
@@ -137,17 +141,17 @@ class Combat:
         return first_memory(self.config.sensor, state)
 
     def reset(self, key: jax.Array) -> EnvState:
-        """A fight about to start, drawn from `key`."""
-        return self.spawn(self.draw(key, ()))
+        """A fight about to start, at random by `key`."""
+        return self.spawn(self.start_numbers(key, ()))
 
-    def _drawn(self, key: jax.Array, shape: tuple[int, ...], count: int) -> jax.Array:
+    def _numbers(self, key: jax.Array, shape: tuple[int, ...], count: int) -> jax.Array:
         """Uniform numbers `[*shape, count]`, with those of the drones after the positions."""
-        draws = jax.random.uniform(key, (*shape, count))
-        if more := num_draws(self.config):
+        numbers = jax.random.uniform(key, (*shape, count))
+        if more := num_random(self.config):
             others = jax.random.uniform(jax.random.fold_in(key, 1), (*shape, more))
-            parts = draws[..., :POSITION_DRAWS], others, draws[..., POSITION_DRAWS:]
-            draws = jnp.concatenate(parts, axis=-1)
-        return draws
+            parts = numbers[..., :POSITION_NUMBERS], others, numbers[..., POSITION_NUMBERS:]
+            numbers = jnp.concatenate(parts, axis=-1)
+        return numbers
 
     def observe(self, state: EnvState) -> jax.Array:
         """Observation [A, 35] of the state (eq. 5), as the sensors give it."""

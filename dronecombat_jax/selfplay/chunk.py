@@ -260,8 +260,8 @@ def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvSt
     """N fights about to start; their clocks are drawn so that time-outs do not come in waves."""
     config = combat.config
     num_envs = config.train.num_envs
-    draws = combat.draw_exploring(_key(seed, iteration, Purpose.RESET), (num_envs,))
-    env = jax.vmap(combat.explore)(draws, jnp.arange(num_envs) < config.solo_envs)
+    numbers = combat.exploring_numbers(_key(seed, iteration, Purpose.RESET), (num_envs,))
+    env = jax.vmap(combat.explore)(numbers, jnp.arange(num_envs) < config.solo_envs)
     if not config.game.random_clock:
         return env
     key = _key(seed, iteration, Purpose.CLOCK)

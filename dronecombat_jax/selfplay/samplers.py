@@ -61,7 +61,7 @@ def pfsp_variance(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
 
 
 def latest_and_hard(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
-    """Half of the draws the newest, half (1 - x)^k among all, the newest included.
+    """Half of the opponents the newest, half (1 - x)^k among all, the newest included.
 
     Gavin and Bronz (2026, arXiv 2607.05939), with k = 2 and x graded: `selfplay.record` rho.
     """

@@ -1,5 +1,5 @@
 """One control step of drones that are more than ideal rigid bodies: rotors with lag, drag, gusts,
-and numbers drawn for the fight.
+and random numbers for each fight.
 
 What does not live here: the paper's drone (`flight.build_step`), what an action asks of rotors
 (`actuation`), the numbers (`rotors`). Commands are scaled by the nominal body, the physics by the
@@ -47,13 +47,13 @@ def is_ideal(config: Config) -> bool:
     return alike and sim.actuation == "wrench" and not sim.drag and not sim.gust_speed
 
 
-def num_draws(config: Config) -> int:
-    """Uniform numbers that `spawn_craft` needs for a fight."""
+def num_random(config: Config) -> int:
+    """How many uniform numbers `spawn_craft` needs for a fight."""
     return NUM_AGENTS * len(_names()) * _drawn(config) + _hashes(config)
 
 
-def spawn_craft(config: Config, scene: Scene, draws: jax.Array) -> Craft | None:
-    """The craft at a fight's start, from `draws` [num_draws] in [0, 1); None: `is_ideal`.
+def spawn_craft(config: Config, scene: Scene, numbers: jax.Array) -> Craft | None:
+    """The craft at a fight's start, from `numbers` [num_random] in [0, 1); None: `is_ideal`.
 
     Rotors begin at the nominal speed of hover, the wind at rest; `combat.sensors` adds the memory.
     """
@@ -62,14 +62,14 @@ def spawn_craft(config: Config, scene: Scene, draws: jax.Array) -> Craft | None:
     sim, size = config.sim, NUM_AGENTS * len(_names())
     drawn = word = None
     if _drawn(config):
-        centred = 2.0 * draws[:size].reshape(len(_names()), NUM_AGENTS) - 1.0
+        centred = 2.0 * numbers[:size].reshape(len(_names()), NUM_AGENTS) - 1.0
         ranges = [getattr(config.randomise, name) for name in _names()]
         drawn = Drawn(*(1.0 + share * row for share, row in zip(ranges, centred, strict=True)))
     if _other(config):
         factors = Drawn(*(_factors(config, name) for name in _names()))
         drawn = factors if drawn is None else jax.tree.map(jnp.multiply, factors, drawn)
     if _hashes(config):
-        word = noise.word_of(draws[-1])
+        word = noise.word_of(numbers[-1])
     return Craft(
         speeds=None if sim.actuation == "wrench" else hover_speeds(plant_of(sim, scene)),
         drawn=drawn,

@@ -38,7 +38,7 @@ def different_seeds(driver: Driver, flights: Mapping[str, Trace], unseen: list[s
 
 
 def going_on(driver: Driver, flights: Mapping[str, Trace], unseen: list[str]) -> None:
-    """`reset` without a seed goes on drawing: it does not begin the seed's fights again."""
+    """`reset` without a seed gives the next fights: it does not begin the seed's fights again."""
     if not driver.reseeds:
         return
     first, second = driver.reset(3).copy(), driver.reset(None).copy()

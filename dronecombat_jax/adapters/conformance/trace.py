@@ -58,7 +58,7 @@ class Driver(ABC):
     number: int  # N
     spaces: list[tuple[Any, Any]]  # of each agent: observations, actions
     time_limit: int | None = None
-    reseeds: bool = True  # `reset(None)` goes on drawing
+    reseeds: bool = True  # `reset(None)` gives the next fights
 
     def __init__(self, env: Any):
         self.env = env

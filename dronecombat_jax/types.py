@@ -131,7 +131,7 @@ class Parameters(struct.PyTreeNode):
 
     policy: MLP  # observation -> mean of the action
     log_std: jax.Array  # [4]
-    value: MLP  # observation -> normalised value
+    value: MLP  # observation, or the whole state -> normalised value
 
 
 class Scaler(struct.PyTreeNode):
@@ -150,6 +150,7 @@ class Learner(struct.PyTreeNode):
     observation_scaler: Scaler  # [35]
     value_scaler: Scaler  # []
     learning_rate: jax.Array  # []
+    critic_scaler: Scaler | None = None  # [37], of what a central critic sees; None: no such critic
 
 
 class Transition(NamedTuple):
@@ -168,6 +169,9 @@ class Transition(NamedTuple):
     active: jax.Array  # [T, N, A] bool, as in `StepOutput`
     idle: jax.Array  # [T, N, A] bool
     reward_terms: RewardTerms  # each [T, N, A]
+    # [T, N, A, 37], before and after the step, what a central critic sees; None: no such critic
+    whole: jax.Array | None = None
+    final_whole: jax.Array | None = None
 
 
 class Batch(NamedTuple):
@@ -181,6 +185,7 @@ class Batch(NamedTuple):
     target: jax.Array  # [...] normalised return
     weight: jax.Array  # [...] 1 where the policy learns from the step, else 0
     value_weight: jax.Array  # [...] 1 where the value function does
+    whole: jax.Array | None = None  # [..., 37] normalised, what a central critic sees
 
 
 class UpdateMetrics(NamedTuple):

@@ -18,11 +18,10 @@ import numpy as np
 from dronecombat_jax.arena.match import advance, no_result
 from dronecombat_jax.arena.players import Kind
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.observe import OBSERVATIONS
+from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.scripted import PILOTS, Pilot, build_pilot, one_per_fight
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
-from dronecombat_jax.config.own import chosen
 from dronecombat_jax.learn.rollout import policy_mean
 from dronecombat_jax.types import (
     ACTION_SIZE,
@@ -172,7 +171,7 @@ def _seeing(combat: Combat, observation: str, pilot: Pilot) -> Pilot:
     """The same pilot, shown the layout `observation` in place of the game's own ("": that one)."""
     if not observation:
         return pilot
-    layout = chosen(OBSERVATIONS, observation)
+    layout = layout_of(observation, combat.config.game)
     look = jax.vmap(lambda state: see(combat.config, layout, state))
 
     def act(state: EnvState, _: jax.Array, key: jax.Array) -> jax.Array:

@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.combat.observe import observation_of
+from dronecombat_jax.combat.observe import observation_of, whole_of
 from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import detect, forfeit, timeout_decides
-from dronecombat_jax.combat.sensors import first_memory, remembered, see
+from dronecombat_jax.combat.sensors import first_memory, refuse_unlimited, remembered, see
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.machine import jax_variables
 from dronecombat_jax.sim.craft import (
@@ -47,6 +47,8 @@ class Combat:
         self.scene = scene or load_scene(config.sim)
         self.game = game_of(config)
         self.observation = observation_of(config)
+        refuse_unlimited(config, self.observation)
+        self.whole = whole_of(config)
 
     @cached_property
     def _fly(self) -> Step:
@@ -156,6 +158,10 @@ class Combat:
     def observe(self, state: EnvState) -> jax.Array:
         """Observation [A, 35] of the state (eq. 5), as the sensors give it."""
         return see(self.config, self.observation, state)
+
+    def observe_whole(self, state: EnvState) -> jax.Array:
+        """What a central critic sees [A, 37]: the state itself, without errors of sensors."""
+        return self.whole.observe(split(state.qpos, state.qvel), state.target)
 
     def step(self, state: EnvState, action: jax.Array) -> tuple[EnvState, StepOutput]:
         """Fly one control step with `action` [A, 4]. Does not reset: a fight that ended must be

@@ -14,6 +14,11 @@ class LearnConfig:
     """IPPO: two independent PPO learners that share nothing (eq. 13-18)."""
 
     algorithm: Literal["ppo"] = setting("ppo", "how each side learns (learn.algorithms)", own=True)
+    critic: Literal["own", "central"] = setting(
+        "own",
+        "what the value function sees: what its policy does; or the whole state and who it is "
+        "(MAPPO); the policy flies by its observation either way",
+    )
     hidden_sizes: tuple[int, ...] = setting(
         (256, 128), "hidden units of policy and value networks", low=1, high=8192
     )

@@ -58,7 +58,11 @@ def collect(
             jax.vmap(combat.explore)(numbers, alone),
             after,
         )
-        return following, _transition(observation, action, log_prob, output, after)
+        transition = _transition(observation, action, log_prob, output, after)
+        if learn.critic == "central":
+            look = jax.vmap(combat.observe_whole)
+            transition = transition._replace(whole=look(env), final_whole=look(after))
+        return following, transition
 
     return jax.lax.scan(fly, env, (noise, numbers))
 

@@ -18,7 +18,7 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.learn.algorithms import algorithm_of, learn_from, without
+from dronecombat_jax.learn.algorithms import learn_from, new_learner, without
 from dronecombat_jax.learn.rollout import Policies, collect
 from dronecombat_jax.learn.sharding import along_environments
 from dronecombat_jax.selfplay import opponents, tally
@@ -71,8 +71,7 @@ def init_state(combat: Combat) -> TrainState:
         keys = jax.random.split(_key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS), NUM_SIDES)
         # One after the other: under vmap jax 0.10.1 on two cores has hung here, in about one start
         # of a hundred.
-        learn, size = combat.config.learn, combat.observation.size
-        learners = jax.lax.map(lambda key: algorithm_of(learn).init(key, learn, size), keys)
+        learners = jax.lax.map(lambda key: new_learner(key, combat.config), keys)
         return TrainState(
             learners=learners,
             env=reset_fights(combat, seed, jnp.zeros((), jnp.int32)),

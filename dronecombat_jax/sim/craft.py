@@ -189,9 +189,9 @@ def _gust(sim: SimConfig, craft: Craft, clock: jax.Array) -> Craft:
 
 
 def _hashes(config: Config) -> bool:
-    """Whether something random goes on during a fight: gusts or noise."""
-    prompt = replace(config.sensor, side="both", latency=0, period=1)
-    return config.sim.gust_speed > 0.0 or prompt != SensorConfig()
+    """Whether something random goes on during a fight: gusts, noise or drop-outs."""
+    certain = {"side": "both", "latency": 0, "period": 1, "range": 0.0, "field_of_view": 360.0}
+    return config.sim.gust_speed > 0.0 or replace(config.sensor, **certain) != SensorConfig()
 
 
 def _drawn(config: Config) -> bool:

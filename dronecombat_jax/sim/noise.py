@@ -8,7 +8,7 @@ and cost more than the step. Hash: lowbias32 (C. Wellons, "Prospecting for hash 
 import jax
 import jax.numpy as jnp
 
-GUSTS, NOISE, BIAS = 1, 2, 3  # streams: what the numbers are for
+GUSTS, NOISE, BIAS, DROPOUT = 1, 2, 3, 4  # streams: what the numbers are for
 
 
 def word_of(number: jax.Array) -> jax.Array:

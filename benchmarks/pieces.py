@@ -21,7 +21,6 @@ from dronecombat_jax.types import (
     ACTION_SIZE,
     ATTACKER,
     DEFENDER,
-    NUM_AGENTS,
     NUM_SIDES,
     OBSERVATION_SIZE,
     Learner,
@@ -99,7 +98,12 @@ def _learners(combat: Combat) -> Learner:
 
 def _normal(combat: Combat, width: int) -> jax.Array:
     """[T, N, A, width]."""
-    shape = (combat.config.learn.rollout_steps, combat.config.train.num_envs, NUM_AGENTS, width)
+    shape = (
+        combat.config.learn.rollout_steps,
+        combat.config.train.num_envs,
+        len(combat.config.game.sides),
+        width,
+    )
     return jax.random.normal(jax.random.key(0), shape)
 
 

@@ -25,7 +25,7 @@ from dronecombat_jax.combat.scripted import Pilot
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import (
     ACTION_SIZE,
-    NUM_AGENTS,
+    NUM_SIDES,
     EnvState,
     Outcome,
     StepOutput,
@@ -138,7 +138,7 @@ class CombatEnv(Env):
             alone = jax.tree.map(lambda leaf: leaf[None], fight)
             other = self._opponent(alone, self.combat.observe(fight)[None], key)[0]
         return (
-            jnp.zeros((NUM_AGENTS, ACTION_SIZE))
+            jnp.zeros((NUM_SIDES, ACTION_SIZE))
             .at[self.role]
             .set(action)
             .at[1 - self.role]

@@ -20,7 +20,7 @@ from dronecombat_jax.adapters.one_side import choose_one, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.types import ACTION_SIZE, NUM_AGENTS, SIDES, EnvState
+from dronecombat_jax.types import ACTION_SIZE, NUM_SIDES, SIDES, EnvState
 
 ALL = "__all__"
 Observations = dict[str, jax.Array]
@@ -121,7 +121,7 @@ class CombatMultiAgentEnv(Base):
         """One control step with each agent's action [4]; does not begin anew, and nothing is random."""
         still = jnp.zeros(ACTION_SIZE)
         pair = [jnp.asarray(actions[agent]) if agent in self.agents else still for agent in SIDES]
-        assert len(pair) == NUM_AGENTS
+        assert len(pair) == NUM_SIDES
         after, output = self.combat.step(state, jnp.stack(pair))
         seen = self._by_agent(output.observation)
         over = output.terminated | output.truncated

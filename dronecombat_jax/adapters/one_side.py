@@ -20,7 +20,7 @@ from dronecombat_jax.types import (
     ACTION_SIZE,
     ATTACKER,
     DEFENDER,
-    NUM_AGENTS,
+    NUM_SIDES,
     SIDES,
     EnvState,
     Outcome,
@@ -75,7 +75,7 @@ class OneSide:
 
     def both(self, bout: Bout, action: jax.Array, key: jax.Array) -> jax.Array:
         """Both sides' actions [A, 4]; the opponent draws from `key`."""
-        pair: list[jax.Array] = [action] * NUM_AGENTS
+        pair: list[jax.Array] = [action] * NUM_SIDES
         pair[1 - self.role] = self._answer(bout, key)
         return jnp.stack(pair)
 

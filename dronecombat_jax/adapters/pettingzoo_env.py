@@ -30,7 +30,7 @@ from dronecombat_jax.adapters.one_side import scores, seed_words, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.types import ACTION_SIZE, NUM_AGENTS, SIDES, Cause, EnvState
+from dronecombat_jax.types import ACTION_SIZE, NUM_SIDES, SIDES, Cause, EnvState
 
 STATE_SIZE = 32
 
@@ -154,7 +154,7 @@ class CombatParallelEnv(ParallelEnv):
             raise UserError(
                 f"actions of {one_line(given)}: those of {', '.join(self.agents)} are needed"
             )
-        pair = np.zeros((NUM_AGENTS, ACTION_SIZE), np.float32)
+        pair = np.zeros((NUM_SIDES, ACTION_SIZE), np.float32)
         for agent in self.agents:
             action = np.asarray(actions[agent], np.float32)
             if action.shape != (ACTION_SIZE,):

@@ -23,20 +23,19 @@ from dronecombat_jax.sim.craft import (
 )
 from dronecombat_jax.sim.flight import Step, build_step, split
 from dronecombat_jax.sim.scene import Scene, load_scene
-from dronecombat_jax.types import NUM_AGENTS, Cause, EnvState, StepOutput
+from dronecombat_jax.types import Cause, EnvState, StepOutput
 
 # Start positions of defender, attacker and target in m; the altitudes are random.
 START = ((0.0, 5.0), (0.0, 0.0), (5.0, 5.0))
+TARGET = 2  # its row
 ARENA_HALF_WIDTH = 5.0
-POSITION_NUMBERS = 9  # three positions
-VELOCITY_NUMBERS = 4  # two drones over ground
 
 # A body state beyond this is a diverged simulation: no drone gets there in one episode.
 MAX_COORDINATE = 1e4
 
 
 class Combat:
-    """One fight between two drones. Holds the scene and the settings; every method is pure.
+    """One fight between drones of two sides. Holds the scene and the settings; every method is pure.
 
     `reset` and `step` act on one environment; use `jax.vmap` for many and `jax.jit` around it.
     """
@@ -44,11 +43,17 @@ class Combat:
     def __init__(self, config: Config, scene: Scene | None = None):
         jax_variables.require_float32()
         self.config = config
-        self.scene = scene or load_scene(config.sim)
+        self.sides = config.game.sides  # of each drone
+        self.scene = scene or load_scene(config.sim, sides=self.sides)
         self.game = game_of(config)
         self.observation = observation_of(config)
         refuse_unlimited(config, self.observation)
         self.whole = whole_of(config)
+
+    @property
+    def _position_numbers(self) -> int:
+        """Of every drone and of the target."""
+        return 3 * (len(self.sides) + 1)
 
     @cached_property
     def _fly(self) -> Step:
@@ -71,7 +76,7 @@ class Combat:
         More where the drones' numbers are random, too (`sim.craft.num_random`); the positions are
         the same with and without.
         """
-        return self._numbers(key, shape, POSITION_NUMBERS)
+        return self._numbers(key, shape, self._position_numbers)
 
     def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """`start_numbers` by its name in version 0.1.0."""
@@ -80,7 +85,7 @@ class Combat:
     def exploring_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """The same for `explore`: 4 more at the end, where exploring starts are on."""
         moving = self.config.train.start_speed > 0.0
-        return self._numbers(key, shape, POSITION_NUMBERS + moving * VELOCITY_NUMBERS)
+        return self._numbers(key, shape, self._position_numbers + moving * 2 * len(self.sides))
 
     def spawn(self, numbers: jax.Array) -> EnvState:
         """A fight about to start, from the `numbers` [K] that `start_numbers` gives for it.
@@ -89,31 +94,28 @@ class Combat:
         part.
         """
         game = self.config.game
-        craft = spawn_craft(self.config, self.scene, numbers[POSITION_NUMBERS:])
+        craft = spawn_craft(self.config, self.scene, numbers[self._position_numbers :])
         if craft is not None:
-            numbers = numbers[:POSITION_NUMBERS]
-        numbers = numbers.reshape(3, 3)
+            numbers = numbers[: self._position_numbers]
+        numbers = numbers.reshape(-1, 3)
+        places = (*self.sides, TARGET)
         altitude = game.spawn_altitude_low + numbers[:, 2] * (
             game.spawn_altitude_high - game.spawn_altitude_low
         )
         offset = 2.0 * numbers[:, :2] - 1.0
-        spread = [
-            [max(game.spawn_spread, game.defender_spread)],
-            [game.spawn_spread],
-            [game.spawn_spread],
-        ]
-        plane = jnp.asarray(START) + jnp.asarray(spread) * offset
+        spreads = max(game.spawn_spread, game.defender_spread), game.spawn_spread, game.spawn_spread
+        spread = [[spreads[place]] for place in places]
+        plane = jnp.asarray([START[place] for place in places]) + jnp.asarray(spread) * offset
         if game.spawn == "uniform":
             plane = ARENA_HALF_WIDTH * offset
         positions = jnp.concatenate([plane, altitude[:, None]], axis=-1)
         level = jnp.asarray([1.0, 0.0, 0.0, 0.0])
-        pose = jnp.concatenate(
-            [positions[:NUM_AGENTS], jnp.broadcast_to(level, (NUM_AGENTS, 4))], axis=-1
-        )
+        drones = len(self.sides)
+        pose = jnp.concatenate([positions[:drones], jnp.broadcast_to(level, (drones, 4))], axis=-1)
         state = EnvState(
             qpos=pose.reshape(-1),
-            qvel=jnp.zeros(6 * NUM_AGENTS),
-            target=positions[NUM_AGENTS],
+            qvel=jnp.zeros(6 * drones),
+            target=positions[drones],
             clock=jnp.zeros((), jnp.int32),
             down=self.game.absent,
             craft=craft,
@@ -128,18 +130,16 @@ class Combat:
         starts (Sutton and Barto, section 5.3). The fights that count, in evaluations and
         tournaments, `spawn` at rest.
         """
-        spawning = POSITION_NUMBERS + num_random(self.config)
+        spawning = self._position_numbers + num_random(self.config)
         state = self.spawn(numbers[:spawning])
         state = state.replace(down=state.down | jnp.stack([alone, jnp.zeros((), bool)]))
         if self.config.train.start_speed == 0.0:
             return state
         over_ground = self.config.train.start_speed * (
-            2.0 * numbers[spawning:].reshape(NUM_AGENTS, 2) - 1.0
+            2.0 * numbers[spawning:].reshape(-1, 2) - 1.0
         )
         over_ground = jnp.where(state.down[:, None], 0.0, over_ground)
-        state = state.replace(
-            qvel=state.qvel.reshape(NUM_AGENTS, 6).at[:, :2].set(over_ground).reshape(-1)
-        )
+        state = state.replace(qvel=state.qvel.reshape(-1, 6).at[:, :2].set(over_ground).reshape(-1))
         return first_memory(self.config.sensor, state)
 
     def reset(self, key: jax.Array) -> EnvState:
@@ -151,7 +151,8 @@ class Combat:
         numbers = jax.random.uniform(key, (*shape, count))
         if more := num_random(self.config):
             others = jax.random.uniform(jax.random.fold_in(key, 1), (*shape, more))
-            parts = numbers[..., :POSITION_NUMBERS], others, numbers[..., POSITION_NUMBERS:]
+            first = self._position_numbers
+            parts = numbers[..., :first], others, numbers[..., first:]
             numbers = jnp.concatenate(parts, axis=-1)
         return numbers
 

@@ -1,5 +1,5 @@
-"""What each drone sees, as one vector: eq. 5 in two frames, or as a camera. Plain arrays of one
-fight.
+"""What each drone sees, as one vector: eq. 5 in two frames, the nearest others, or as a camera. Plain
+arrays of one fight.
 
 To add one, write a function here, name it in OBSERVATIONS with its fields, and among the choices of
 `config.GameConfig.observation`. What does not live here: errors, delays and who is hidden
@@ -14,11 +14,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dronecombat_jax.combat.sight import DOWN, Fields, bearing_fields, observe_bearing
+from dronecombat_jax.combat.sight import (
+    DOWN,
+    Fields,
+    bearing_fields,
+    nearest_fields,
+    observe_bearing,
+    observe_nearest,
+)
 from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.config.own import chosen
 from dronecombat_jax.sim.rotation import conjugate, multiply, rotate, rotate_inverse
-from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_AGENTS, SIDE_OF_AGENT, Drones
+from dronecombat_jax.types import ATTACKER, DEFENDER, Drones
 
 Observe = Callable[[Drones, jax.Array], jax.Array]  # (drones [A, ...], target [3]) -> [A, size]
 
@@ -55,12 +62,12 @@ def observe_world(drones: Drones, target: jax.Array) -> jax.Array:
     """
     velocity = rotate_inverse(drones.quaternion, drones.velocity)
     gravity = rotate_inverse(
-        drones.quaternion, jnp.broadcast_to(jnp.asarray(DOWN), (NUM_AGENTS, 3))
+        drones.quaternion, jnp.broadcast_to(jnp.asarray(DOWN), drones.position.shape)
     )
     pose = jnp.concatenate([drones.position, drones.quaternion], axis=-1).reshape(-1)
     twist = jnp.concatenate([velocity, drones.rate], axis=-1).reshape(-1)
     row = jnp.concatenate([pose, target, twist, gravity.reshape(-1)])
-    return jnp.broadcast_to(row, (NUM_AGENTS, row.shape[0]))
+    return jnp.broadcast_to(row, (len(drones.position), row.shape[0]))
 
 
 def observe_ego(drones: Drones, target: jax.Array) -> jax.Array:
@@ -74,7 +81,7 @@ def observe_ego(drones: Drones, target: jax.Array) -> jax.Array:
     other = Drones(*(jnp.flip(field, axis=0) for field in drones))
     own = drones.quaternion
     into = lambda vector: rotate_inverse(own, vector)
-    gravity = rotate_inverse(own, jnp.broadcast_to(jnp.asarray(DOWN), (NUM_AGENTS, 3)))
+    gravity = rotate_inverse(own, jnp.broadcast_to(jnp.asarray(DOWN), drones.position.shape))
     return jnp.concatenate(
         [
             drones.position,
@@ -105,7 +112,7 @@ def hiding(fields: Fields, observe: Observe) -> Observation:
     ends in _d or _a is of that drone, in _other of the other drone, else of the observer itself.
     """
     tells = {"d": (DEFENDER, DEFENDER), "a": (ATTACKER, ATTACKER), "other": (ATTACKER, DEFENDER)}
-    itself = tuple(range(NUM_AGENTS))
+    itself = (DEFENDER, ATTACKER)
     columns = [
         tells.get(name.split("_")[-1], itself) for name, length in fields for _ in range(length)
     ]
@@ -120,9 +127,14 @@ def hiding(fields: Fields, observe: Observe) -> Observation:
 
 def bearing(game: GameConfig) -> Observation:
     """As a camera gives: directions, and no distances (`sight.observe_bearing`)."""
-    sides = SIDE_OF_AGENT
-    look = functools.partial(observe_bearing, sides)
-    return Observation(bearing_fields(sides), look, look, flagged=True)
+    look = functools.partial(observe_bearing, game.sides)
+    return Observation(bearing_fields(game.sides), look, look, flagged=True)
+
+
+def nearest(game: GameConfig) -> Observation:
+    """The `game.nearest_k` nearest team mates and opponents (`sight.observe_nearest`)."""
+    look = functools.partial(observe_nearest, SIDE_OF_AGENT, game.nearest_k)
+    return Observation(nearest_fields(game.nearest_k), look, look, flagged=True)
 
 
 # An observation, or a function that makes one for the rules of a game.
@@ -130,6 +142,7 @@ OBSERVATIONS: dict[str, Observation | Callable[[GameConfig], Observation]] = {
     "world": hiding(WORLD_FIELDS, observe_world),
     "ego": hiding(EGO_FIELDS, observe_ego),
     "bearing": bearing,
+    "nearest": nearest,
 }
 
 
@@ -155,4 +168,4 @@ def whole_of(config: Config) -> Observation:
         seen = world.observe(drones, target)
         return jnp.concatenate([seen, jnp.eye(seen.shape[0])], axis=-1)
 
-    return Observation((*world.fields, ("identity", NUM_AGENTS)), observe)
+    return Observation((*world.fields, ("identity", len(config.game.sides))), observe)

@@ -18,7 +18,7 @@ from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim import noise
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.rotation import multiply, rotate_inverse
-from dronecombat_jax.types import NUM_AGENTS, SIDES, Craft, Drones, EnvState
+from dronecombat_jax.types import SIDES, Craft, Drones, EnvState
 
 ERRORS = 12  # of a drone: position, attitude, velocity, rate
 ALL_ROUND = 360.0  # degrees
@@ -59,7 +59,7 @@ def see(config: Config, observation: Observation, state: EnvState) -> jax.Array:
     seen = _sensed(config, observation, state, state.craft)
     if config.sensor.side == "both":
         return seen
-    sensing = jnp.asarray([side == config.sensor.side for side in SIDES])
+    sensing = jnp.asarray([SIDES[side] == config.sensor.side for side in config.game.sides])
     return jnp.where(sensing[:, None], seen, exact())
 
 
@@ -85,11 +85,10 @@ def _sensed(config: Config, observation: Observation, state: EnvState, craft: Cr
         seen = visible if seen is None else seen & visible
     if craft.word is None or not noisy(sensor):
         return _look(observation, drones, state.target, seen)
-    errors = _errors(sensor, craft.word, made)
-    look = lambda side: _look(observation, _measured(drones, errors[side]), state.target, seen)[
-        side
-    ]
-    return jnp.stack([look(side) for side in range(NUM_AGENTS)])
+    count = len(drones.position)
+    errors = _errors(sensor, craft.word, made, count)
+    look = lambda one: _look(observation, _measured(drones, errors[one]), state.target, seen)[one]
+    return jnp.stack([look(drone) for drone in range(count)])
 
 
 def in_sight(
@@ -146,15 +145,15 @@ def _look(
     return observation.partial(drones, target, seen)
 
 
-def _errors(sensor: SensorConfig, word: jax.Array, made: jax.Array) -> jax.Array:
+def _errors(sensor: SensorConfig, word: jax.Array, made: jax.Array, drones: int) -> jax.Array:
     """Errors [A, A, 12] of the measurements `made` at a clock: by who measures, and of whom."""
-    count = NUM_AGENTS * NUM_AGENTS * ERRORS
+    count = drones * drones * ERRORS
     numbers = noise.normals(word, made, noise.NOISE, count)
     if sensor.bias:
         always = noise.normals(word, jnp.zeros((), jnp.int32), noise.BIAS, count)
         numbers = numbers + sensor.bias * always
     scale = jnp.repeat(jnp.asarray(_deviations(sensor)), 3)
-    return scale * numbers.reshape(NUM_AGENTS, NUM_AGENTS, ERRORS)
+    return scale * numbers.reshape(drones, drones, ERRORS)
 
 
 def _measured(drones: Drones, error: jax.Array) -> Drones:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecombat_jax.sim.rotation import rotate_inverse
+from dronecombat_jax.sim.rotation import body_z, rotate_inverse
 from dronecombat_jax.types import Drones
 
 Fields = tuple[tuple[str, int], ...]
@@ -17,6 +17,7 @@ Fields = tuple[tuple[str, int], ...]
 OWN_FIELDS: Fields = (
     ("p_self", 3), ("q_self", 4), ("p_t", 3), ("v_self", 3), ("w_self", 3), ("g_self", 3),
 )  # fmt: skip
+GROUPS = ("mate", "opponent")  # whom the slots of `observe_nearest` are of
 DOWN = (0.0, 0.0, -1.0)
 
 
@@ -58,6 +59,49 @@ def observe_bearing(
     if seen is not None:
         told = jnp.where(jnp.take_along_axis(seen, jnp.asarray(whom), axis=1)[..., None], told, 0.0)
     return jnp.concatenate([own_state(drones, target), told.reshape(len(sides), -1)], axis=-1)
+
+
+def nearest_fields(k: int) -> Fields:
+    """The parts of `observe_nearest`: `OWN_FIELDS`, k slots of team mates, k of opponents."""
+    slots = [f"{group}{slot}" for group in GROUPS for slot in range(1, k + 1)]
+    told = lambda slot: ((f"p_{slot}", 3), (f"v_{slot}", 3), (f"z_{slot}", 3), (f"seen_{slot}", 1))
+    return (*OWN_FIELDS, *(part for slot in slots for part in told(slot)))
+
+
+def observe_nearest(
+    sides: tuple[int, ...],
+    k: int,
+    drones: Drones,
+    target: jax.Array,
+    seen: jax.Array | None = None,
+) -> jax.Array:
+    """`own_state` and the nearest others, [A, 19 + 2 k 10]: k slots of team mates, then k of
+    opponents, each group by distance.
+
+    A slot holds, in the own body frame, the way to the other (m), its velocity (m/s) and its thrust
+    axis (body z), then 1. A slot of nobody, because fewer are seen or there, holds ten zeros. The
+    length is the same for every size of team. `sides` [A]; `seen` [A, A] bool: who sees whom; None:
+    everybody.
+    """
+    count = len(sides)
+    into = lambda vectors: rotate_inverse(drones.quaternion[:, None], vectors)
+    way = drones.position[None] - drones.position[:, None]
+    velocity, up = (
+        jnp.broadcast_to(vector, way.shape)
+        for vector in (drones.velocity, body_z(drones.quaternion))
+    )
+    told = jnp.concatenate(
+        [into(way), into(velocity), into(up), jnp.ones((count, count, 1))], axis=-1
+    )
+    distance = jnp.linalg.norm(way, axis=-1)
+    allied = np.equal.outer(sides, sides)
+    groups = []
+    for group in (allied & ~np.eye(count, dtype=bool), ~allied):
+        shown = jnp.asarray(group) if seen is None else group & seen
+        nearest = jnp.argsort(jnp.where(shown, distance, jnp.inf), axis=-1)[:, :k, None]
+        slots = jnp.take_along_axis(jnp.where(shown[..., None], told, 0.0), nearest, axis=1)
+        groups.append(jnp.pad(slots, ((0, 0), (0, max(k - count, 0)), (0, 0))).reshape(count, -1))
+    return jnp.concatenate([own_state(drones, target), *groups], axis=-1)
 
 
 def others_of(sides: tuple[int, ...]) -> NDArray[np.int32]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.sides import DUEL, Sides
 
 
 @dataclass(frozen=True)
@@ -194,13 +195,22 @@ class GameConfig:
     timeout_rule: Literal["draw", "defender"] = setting(
         "draw", "who wins at time-out: nobody, or the defender (the attacker has failed)"
     )
-    observation: Literal["world", "ego", "bearing"] = setting(
+    observation: Literal["world", "ego", "bearing", "nearest"] = setting(
         "world",
         "world: eq. 5 for both agents; ego: the same in the observing drone's own frame; bearing: of "
-        "the other drone its direction alone, as a camera gives",
+        "the other drone its direction alone, as a camera gives; nearest: the nearest team mates and "
+        "opponents, in the own frame",
         own=True,
     )
+    nearest_k: int = setting(
+        2, "observation nearest: slots for team mates and for opponents, each", low=1, high=8
+    )
     random_clock: bool = setting(True, "draw the episode clock uniformly at a run's first reset")
+
+    @property
+    def sides(self) -> Sides:
+        """The side of each drone, in the order of all arrays: defenders, then attackers."""
+        return DUEL
 
 
 @dataclass(frozen=True)

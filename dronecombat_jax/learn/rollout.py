@@ -11,7 +11,6 @@ from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import normalize
 from dronecombat_jax.types import (
     ACTION_SIZE,
-    NUM_AGENTS,
     EnvState,
     Learner,
     Policy,
@@ -44,7 +43,9 @@ def collect(
     num_envs = env.clock.shape[0]
     alone = jnp.arange(num_envs) < combat.config.solo_envs
     steps = learn.rollout_steps
-    noise = jax.random.normal(noise_key, (steps, num_envs, NUM_AGENTS, ACTION_SIZE))
+    noise = jax.random.normal(
+        noise_key, (steps, num_envs, len(combat.config.game.sides), ACTION_SIZE)
+    )
     numbers = combat.exploring_numbers(spawn_key, (steps, num_envs))
 
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:

@@ -20,7 +20,7 @@ from dronecombat_jax.report.replay_data import WINNERS, who_and_why
 from dronecombat_jax.sim.craft import is_ideal
 from dronecombat_jax.sim.fluid import drags
 from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.types import NUM_AGENTS, Cause, Policy
+from dronecombat_jax.types import NUM_SIDES, Cause, Policy
 
 Data = dict[str, Any]
 SEEN = ("world", "ego")  # observations that the page's code knows
@@ -120,7 +120,7 @@ def _bodies(config: Config, scene: Scene) -> list[Data]:
     fluid = drags(scene.flown) if scene.flown.in_fluid else None
     rows = lambda array, role: np.asarray(array, float)[role].tolist()
     bodies = []
-    for role in range(NUM_AGENTS):
+    for role in range(NUM_SIDES):
         drag = fluid and {
             name: {"viscous": rows(kind.viscous, role), "quadratic": rows(kind.quadratic, role)}
             for name, kind in zip(("linear", "angular"), fluid, strict=True)

@@ -75,7 +75,7 @@ def init_state(combat: Combat) -> TrainState:
         return TrainState(
             learners=learners,
             env=reset_fights(combat, seed, jnp.zeros((), jnp.int32)),
-            flown=tally.fresh(train.num_envs),
+            flown=tally.fresh(train.num_envs, len(combat.config.game.sides)),
             seed=seed,
             iteration=jnp.zeros((), jnp.int32),
             selfplay=init_selfplay(combat.config, learners),
@@ -201,7 +201,7 @@ def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
         if config.train.reset_at_chunk:
             env, flown = (
                 reset_fights(combat, state.seed, state.iteration),
-                tally.fresh(config.train.num_envs),
+                tally.fresh(config.train.num_envs, len(combat.config.game.sides)),
             )
         if selfplay is not None:
             selfplay = save_players(config, selfplay, learners, chunk)

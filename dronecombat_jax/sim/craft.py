@@ -28,7 +28,7 @@ from dronecombat_jax.sim.physics import build_physics
 from dronecombat_jax.sim.rotation import body_z, rotate, rotate_inverse
 from dronecombat_jax.sim.rotors import ROTORS
 from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.types import NUM_AGENTS, Craft, Drawn, Drones
+from dronecombat_jax.types import Craft, Drawn, Drones
 
 # (qpos [14], qvel [12], craft, clock [], action [A, 4]) -> (qpos, qvel, craft)
 CraftStep = Callable[
@@ -49,7 +49,7 @@ def is_ideal(config: Config) -> bool:
 
 def num_random(config: Config) -> int:
     """How many uniform numbers `spawn_craft` needs for a fight."""
-    return NUM_AGENTS * len(_names()) * _drawn(config) + _hashes(config)
+    return len(config.game.sides) * len(_names()) * _drawn(config) + _hashes(config)
 
 
 def spawn_craft(config: Config, scene: Scene, numbers: jax.Array) -> Craft | None:
@@ -59,10 +59,11 @@ def spawn_craft(config: Config, scene: Scene, numbers: jax.Array) -> Craft | Non
     """
     if is_ideal(config):
         return None
-    sim, size = config.sim, NUM_AGENTS * len(_names())
+    sim, drones = config.sim, len(config.game.sides)
+    size = drones * len(_names())
     drawn = word = None
     if _drawn(config):
-        centred = 2.0 * numbers[:size].reshape(len(_names()), NUM_AGENTS) - 1.0
+        centred = 2.0 * numbers[:size].reshape(len(_names()), drones) - 1.0
         ranges = [getattr(config.randomise, name) for name in _names()]
         drawn = Drawn(*(1.0 + share * row for share, row in zip(ranges, centred, strict=True)))
     if _other(config):
@@ -160,21 +161,23 @@ def _pushing(sim: SimConfig, scene: Scene) -> Push:
             return (mass / heavy * thrust[:, None]) * body_z(drones.quaternion)
         into = lambda vector: inwards(rotate_inverse(drones.quaternion, vector))
         air = still if craft.wind is None else still + craft.wind
-        drag, slope = _resistance(sim, fluid, craft).resist(into(drones.velocity - air))
+        drag, slope = _resistance(sim, fluid, craft, len(thrust)).resist(
+            into(drones.velocity - air)
+        )
         weight = into(jnp.broadcast_to(gravity, drones.velocity.shape))
-        force = thrust[:, None] * inwards(jnp.asarray([[0.0, 0.0, 1.0]] * NUM_AGENTS))
+        force = thrust[:, None] * inwards(jnp.asarray([[0.0, 0.0, 1.0]] * len(thrust)))
         sped = (force + drag + heavy * weight) / (heavy + sim.timestep * slope)
         return rotate(drones.quaternion, outwards(mass * (sped - weight)))
 
     return push
 
 
-def _resistance(sim: SimConfig, fluid: Drag | None, craft: Craft) -> Drag:
+def _resistance(sim: SimConfig, fluid: Drag | None, craft: Craft, drones: int) -> Drag:
     """Drag of the fluid of an MJCF, and that of the body, along the principal axes."""
-    viscous = jnp.zeros((NUM_AGENTS, 3)) if fluid is None else fluid.viscous
-    quadratic = jnp.zeros((NUM_AGENTS, 3)) if fluid is None else fluid.quadratic
+    viscous = jnp.zeros((drones, 3)) if fluid is None else fluid.viscous
+    quadratic = jnp.zeros((drones, 3)) if fluid is None else fluid.quadratic
     if sim.drag:  # with bodies whose principal axes are their own
-        own = jnp.broadcast_to(jnp.asarray(ROTORS[sim.body].drag), (NUM_AGENTS, 3))
+        own = jnp.broadcast_to(jnp.asarray(ROTORS[sim.body].drag), (drones, 3))
         viscous = viscous + (own if craft.drawn is None else craft.drawn.drag[:, None] * own)
     return Drag(viscous, quadratic)
 
@@ -205,7 +208,8 @@ def _other(config: Config) -> bool:
 
 def _factors(config: Config, name: str) -> jax.Array:
     """[A] of one number, over the nominal one."""
-    return jnp.asarray([getattr(config.defender, name), getattr(config.attacker, name)])
+    by_side = getattr(config.defender, name), getattr(config.attacker, name)
+    return jnp.asarray([by_side[side] for side in config.game.sides])
 
 
 def _names() -> list[str]:

@@ -14,19 +14,26 @@ import pytest
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.observe import OBSERVATIONS, Observation, layout_of
 from dronecombat_jax.combat.sensors import in_sight, see
-from dronecombat_jax.combat.sight import bearing_fields, observe_bearing, others_of
+from dronecombat_jax.combat.sight import (
+    bearing_fields,
+    nearest_fields,
+    observe_bearing,
+    observe_nearest,
+    others_of,
+)
 from dronecombat_jax.config.fields import Config, GameConfig, SensorConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import Craft, Drones, EnvState
 
 HALF = np.sqrt(0.5)
 TEAM = (0, 0, 1)  # two defenders, one attacker
-SIZES = {"world": 35, "ego": 35, "bearing": 23}
+SIZES = {"world": 35, "ego": 35, "bearing": 23, "nearest": 59}
 # Where each layout tells of the other drone, by observer.
 TELLS = {
     "world": (np.r_[7:14, 23:29, 32:35], np.r_[0:7, 17:23, 29:32]),
     "ego": (np.r_[7:14, 23:29, 32:35],) * 2,
     "bearing": (np.r_[19:23],) * 2,
+    "nearest": (np.r_[39:49],) * 2,  # the first of two slots for opponents, after two for mates
 }
 
 
@@ -81,6 +88,63 @@ def test_bearing_knows_no_distance(arena: SimpleNamespace):
     near, far = place((0, 0, 1), (1, 1, 1.5)), place((0, 0, 1), (3, 3, 2.5))
     look = layout_of("bearing", GameConfig()).observe
     np.testing.assert_allclose(look(near, jnp.ones(3))[0], look(far, jnp.ones(3))[0], atol=1e-6)
+
+
+def slots_of(rows: np.ndarray, k: int) -> np.ndarray:
+    """Slots [A, 2 groups, k, 10] of `observe_nearest`."""
+    return np.asarray(rows)[:, 19:].reshape(len(rows), 2, k, 10)
+
+
+def test_nearest_by_hand():
+    """Three defenders and an attacker on a line, yawed by 90 degrees to the left: ahead is world y.
+
+    The attacker is rolled by 90 degrees to the right, its thrust along world -y. Two slots each.
+    """
+    left = (HALF, 0, 0, HALF)
+    drones = place(
+        (0, 0, 1),
+        (0, 3, 1),
+        (0, -0.5, 1),
+        (0, 1, 2),
+        quaternions=[left, left, left, (HALF, HALF, 0, 0)],
+    )
+    drones = drones._replace(velocity=np.float32([[0, 0, 0], [0, 2, 0], [0, 0, 0], [1, 0, 5]]))
+    rows = jax.jit(partial(observe_nearest, (0, 0, 0, 1), 2))(drones, jnp.zeros(3))
+    assert rows.shape == (4, sum(size for _, size in nearest_fields(2))) == (4, 59)
+    mates, opponents = slots_of(rows, 2)[0]
+    wanted = [[-0.5, 0, 0, 0, 0, 0, 0, 0, 1, 1], [3, 0, 0, 2, 0, 0, 0, 0, 1, 1]]
+    np.testing.assert_allclose(mates, wanted, atol=1e-6)
+    attacker = [1, 0, 1, 0, -1, 5, -1, 0, 0, 1]  # to its right is world x
+    np.testing.assert_allclose(opponents, [attacker, [0] * 10], atol=1e-6)
+    mates, opponents = slots_of(rows, 2)[3]
+    assert not mates.any()
+    # of three the two nearest; in its frame world y is -z, world z is y
+    wanted = [[0, -1, 1, 0, 0, 0], [0, -1, 1.5, 0, 0, 0]]
+    np.testing.assert_allclose(opponents[:, :6], wanted, atol=1e-6)
+    names = [name for name, _ in nearest_fields(2)]
+    assert names[6:10] == ["p_mate1", "v_mate1", "z_mate1", "seen_mate1"]
+    assert names[-1] == "seen_opponent2" and len(names) == 6 + 4 * 4
+
+
+def test_nearest_of_any_team_has_one_length_and_swapping_team_mates_changes_nothing():
+    random = np.random.default_rng(4)
+    drones = attacker_near(2.0, random)
+    more = Drones(
+        *(np.concatenate([a, b]) for a, b in zip(drones, attacker_near(3.0, random), strict=True))
+    )
+    look = lambda sides, drones: np.asarray(observe_nearest(sides, 3, drones, jnp.zeros(3)))
+    duel, four = look((0, 1), drones), look((0, 0, 1, 1), more)
+    assert duel.shape[1] == four.shape[1] == 79
+    swapped = Drones(*(field[[1, 0, 2, 3]] for field in more))
+    np.testing.assert_array_equal(look((0, 0, 1, 1), swapped), four[[1, 0, 2, 3]])
+
+
+def test_nearest_passes_over_who_is_hidden():
+    """The nearest opponent is not seen: the next one takes its slot."""
+    drones = place((0, 0, 0), (1, 0, 0), (4, 0, 0))
+    seen = jnp.ones((3, 3), bool).at[0, 1].set(False)
+    rows = observe_nearest((0, 1, 1), 1, drones, jnp.zeros(3), seen)
+    np.testing.assert_allclose(slots_of(rows, 1)[0, 1, 0, :3], (4, 0, 0), atol=1e-6)
 
 
 def test_range_and_field_of_view_by_hand():

@@ -78,7 +78,7 @@ def learn(make_probe, make_task):
             learners, metrics = learn_from(CONFIG.learn, learners, rollout, shuffle, learning)
             return (learners, env, flown), summarize(CONFIG, rollout, at_each_step, metrics, None)
 
-        start = learners, env, tally.fresh(CONFIG.train.num_envs)
+        start = learners, env, tally.fresh(CONFIG.train.num_envs, 2)
         (learners, *_), metrics = jax.lax.scan(one, start, jnp.arange(ITERATIONS))
         return learners, metrics
 

@@ -133,7 +133,7 @@ def bearing(game: GameConfig) -> Observation:
 
 def nearest(game: GameConfig) -> Observation:
     """The `game.nearest_k` nearest team mates and opponents (`sight.observe_nearest`)."""
-    look = functools.partial(observe_nearest, SIDE_OF_AGENT, game.nearest_k)
+    look = functools.partial(observe_nearest, game.sides, game.nearest_k)
     return Observation(nearest_fields(game.nearest_k), look, look, flagged=True)
 
 

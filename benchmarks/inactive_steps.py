@@ -57,10 +57,10 @@ def redrawn(run: SavedRun, rollout: Transition, key: jax.Array) -> Transition:
 def policy_step(learn: LearnConfig, learner: Learner, rollout: Transition) -> np.ndarray:
     """By how much one update moves the policy's parameters."""
     after, _ = jax.jit(
-        lambda one, flown: update_learner(learn, one, flown, DEFENDER, jax.random.key(0))
+        lambda learner, flown: update_learner(learn, learner, flown, DEFENDER, jax.random.key(0))
     )(learner, rollout)
-    flat = lambda one: np.concatenate(
-        [np.ravel(x) for x in jax.tree.leaves(policy_of(one).network)]
+    flat = lambda learner: np.concatenate(
+        [np.ravel(x) for x in jax.tree.leaves(policy_of(learner).network)]
     )
     return flat(after) - flat(learner)
 

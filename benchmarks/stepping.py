@@ -115,7 +115,7 @@ def plain_data(combat: Any, size: Size) -> Any:
         control = jnp.zeros((*wrench.shape[:2], scene.full.nu)).at[..., columns].set(wrench)
 
         def step(data: Any, control: jax.Array) -> tuple[Any, None]:
-            data = jax.vmap(lambda one, ctrl: one.replace(ctrl=ctrl))(data, control)
+            data = jax.vmap(lambda state, ctrl: state.replace(ctrl=ctrl))(data, control)
             for _ in range(sim.substeps):
                 data = jax.vmap(mjx.step, in_axes=(None, 0))(model, data)
             return data, None

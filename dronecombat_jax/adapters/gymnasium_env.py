@@ -130,9 +130,15 @@ class CombatVectorEnv(VectorEnv):
         self._bout, flown = self._programs.step(self.bout, given, self._over)
         flown = Flown(*(np.array(leaf) for leaf in flown))
         self._over = flown.terminated | flown.truncated
-        return flown.observation, flown.reward, flown.terminated, flown.truncated, self._told(flown)
+        return (
+            flown.observation,
+            flown.reward,
+            flown.terminated,
+            flown.truncated,
+            self._infos(flown),
+        )
 
-    def _told(self, flown: Flown) -> dict[str, Any]:
+    def _infos(self, flown: Flown) -> dict[str, Any]:
         """Infos of a step; empty where no fight ended."""
         if not self._over.any():
             return {}

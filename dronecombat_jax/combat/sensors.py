@@ -87,7 +87,9 @@ def _sensed(config: Config, observation: Observation, state: EnvState, craft: Cr
         return _look(observation, drones, state.target, seen)
     count = len(drones.position)
     errors = _errors(sensor, craft.word, made, count)
-    look = lambda one: _look(observation, _measured(drones, errors[one]), state.target, seen)[one]
+    look = lambda agent: _look(observation, _measured(drones, errors[agent]), state.target, seen)[
+        agent
+    ]
     return jnp.stack([look(drone) for drone in range(count)])
 
 

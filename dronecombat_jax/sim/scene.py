@@ -78,7 +78,9 @@ def load_scene(sim: SimConfig, path: Path | None = None, sides: Sides = DUEL) ->
     aligned = all(body.axes == ALIGNED for body in flown.bodies)
     body_id = lambda name: full.body(name).id
     first = [names[team(sides, side).start] for side in DUEL]
-    cameras = [full.camera(name).id for name in (CAMERAS[0], *(f"{one}_chase" for one in first))]
+    cameras = [
+        full.camera(name).id for name in (CAMERAS[0], *(f"{drone}_chase" for drone in first))
+    ]
     drones = range(len(sides))
     return Scene(
         path=written.path,

@@ -65,9 +65,9 @@ def final_observation(driver: Driver, flights: Mapping[str, Trace], unseen: list
     if not len(ends):
         unseen.append("final-observation, truncation and all of ends: no fight ended; more steps?")
         return
-    untold = int(np.sum(first.ended & ~first.look.told))
-    if untold:
-        text = f"{untold} of {len(ends)} ends did not hand out their final observation"
+    missing = int(np.sum(first.ended & ~first.look.shown))
+    if missing:
+        text = f"{missing} of {len(ends)} ends did not hand out their final observation"
         driver.note("final-observation", text)
         return
     before, final, following = first.before(), first.look.final, _following(first)

@@ -1,8 +1,9 @@
 """Every pytree that crosses a room's border, with its axes and units.
 
-Axes, always in this order: S seeds, T time, N environments, A agents. Agents are drones; there are
-always two sides, 0 the defender's and 1 the attacker's, and today one drone on each, so a learner
-of side A learns from agent A. Learners, pools and tournaments have sides.
+Axes, always in this order: S seeds, T time, N environments, A agents. Agents are drones: all
+defenders, then all attackers (`GameConfig.sides`). There are always two sides, 0 the defender's and
+1 the attacker's; learners, pools and tournaments have sides. Where each side has one drone, side
+and agent are the same number. Lengths that depend on A are given for two drones.
 What does not live here: settings (`config`) and anything that computes.
 """
 
@@ -16,8 +17,6 @@ DEFENDER = 0
 ATTACKER = 1
 SIDES = ("defender", "attacker")  # who learns, rates and wins
 NUM_SIDES = len(SIDES)
-SIDE_OF_AGENT = (DEFENDER, ATTACKER)  # one drone a side
-NUM_AGENTS = len(SIDE_OF_AGENT)
 ACTION_SIZE = 4
 OBSERVATION_SIZE = 35
 
@@ -43,10 +42,10 @@ class Cause(IntEnum):
 
 
 class Outcome(IntEnum):
-    """Who won a fight."""
+    """Who won a fight. The names are keys in files."""
 
     DEFENDER = 0
-    DRAW = 1
+    DRAW = 1  # a tie: nobody won
     ATTACKER = 2
 
 
@@ -131,7 +130,7 @@ class Parameters(struct.PyTreeNode):
 
     policy: MLP  # observation -> mean of the action
     log_std: jax.Array  # [4]
-    value: MLP  # observation -> normalised value
+    value: MLP  # observation, or the whole state -> normalised value
 
 
 class Scaler(struct.PyTreeNode):
@@ -150,6 +149,7 @@ class Learner(struct.PyTreeNode):
     observation_scaler: Scaler  # [35]
     value_scaler: Scaler  # []
     learning_rate: jax.Array  # []
+    critic_scaler: Scaler | None = None  # [37], of what a central critic sees; None: no such critic
 
 
 class Transition(NamedTuple):
@@ -168,6 +168,9 @@ class Transition(NamedTuple):
     active: jax.Array  # [T, N, A] bool, as in `StepOutput`
     idle: jax.Array  # [T, N, A] bool
     reward_terms: RewardTerms  # each [T, N, A]
+    # [T, N, A, 37], before and after the step, what a central critic sees; None: no such critic
+    whole: jax.Array | None = None
+    final_whole: jax.Array | None = None
 
 
 class Batch(NamedTuple):
@@ -181,6 +184,7 @@ class Batch(NamedTuple):
     target: jax.Array  # [...] normalised return
     weight: jax.Array  # [...] 1 where the policy learns from the step, else 0
     value_weight: jax.Array  # [...] 1 where the value function does
+    whole: jax.Array | None = None  # [..., 37] normalised, what a central critic sees
 
 
 class UpdateMetrics(NamedTuple):
@@ -230,7 +234,7 @@ class Pool(struct.PyTreeNode):
     """
 
     policies: Policy  # each leaf [K, ...]; zeros where the chunk has not begun
-    # [K] fights that the live learner won against this member, draws half; old ones fade
+    # [K] fights that the live learner won against this member, ties half; old ones fade
     wins: jax.Array
     games: jax.Array  # [K] fights against this member; old ones fade
 

@@ -20,7 +20,7 @@ from dronecombat_jax.types import (
     ACTION_SIZE,
     ATTACKER,
     DEFENDER,
-    NUM_AGENTS,
+    NUM_SIDES,
     SIDES,
     EnvState,
     Outcome,
@@ -37,7 +37,7 @@ class Bout(struct.PyTreeNode):
     """
 
     fight: EnvState
-    key: jax.Array  # [] what is drawn next is drawn from it, once
+    key: jax.Array  # [] the next random numbers come from it, once
     opponent: jax.Array  # [] int32, which of the opponents flies this fight
 
 
@@ -75,7 +75,7 @@ class OneSide:
 
     def both(self, bout: Bout, action: jax.Array, key: jax.Array) -> jax.Array:
         """Both sides' actions [A, 4]; the opponent draws from `key`."""
-        pair: list[jax.Array] = [action] * NUM_AGENTS
+        pair: list[jax.Array] = [action] * NUM_SIDES
         pair[1 - self.role] = self._answer(bout, key)
         return jnp.stack(pair)
 
@@ -95,7 +95,7 @@ def begin(combat: Combat, key: jax.Array, exploring: bool) -> EnvState:
     """
     if not exploring:
         return combat.reset(key)
-    return combat.explore(combat.draw_exploring(key, ()), jnp.zeros((), bool))
+    return combat.explore(combat.exploring_numbers(key, ()), jnp.zeros((), bool))
 
 
 def role_of(side: int | str) -> int:
@@ -130,7 +130,7 @@ def time_limit(combat: Combat) -> int | None:
 
 
 def scores(combat: Combat, role: int) -> np.ndarray:
-    """What an end means for `role`, int32 by `Cause`: 1 won, 0 drawn, -1 lost."""
+    """What an end means for `role`, int32 by `Cause`: 1 won, 0 tied, -1 lost."""
     score = {WINS[role]: 1, Outcome.DRAW: 0, WINS[1 - role]: -1}
     return np.asarray([score[outcome] for outcome in outcome_table(combat.config.game)], np.int32)
 

@@ -1,8 +1,8 @@
-"""Order-free ratings: Bradley-Terry, and Davidson's model for draws, by Newton with standard
+"""Order-free ratings: Bradley-Terry, and Davidson's model for ties, by Newton with standard
 errors.
 
-x = (defender's strength - attacker's strength). Bradley-Terry: P(win) = 1 / (1 + e^-x), a draw is
-half a win and half a loss. Davidson (1970): win, draw and loss are as e^(x/2) : nu : e^(-x/2).
+x = (defender's strength - attacker's strength). Bradley-Terry: P(win) = 1 / (1 + e^-x), a tie is
+half a win and half a loss. Davidson (1970): win, tie and loss are as e^(x/2) : nu : e^(-x/2).
 Players: defenders first, P = D + A.
 
 Prior, so that an unbeaten player is finite: every strength is normal about the mean of its
@@ -40,7 +40,7 @@ class Ratings(NamedTuple):
     high: NDArray[np.float64]  # [P]
     covariance: NDArray[np.float64]  # [P, P] points^2
     design: Design  # flags by player: component, bound, games
-    draw: float  # nu of Davidson's model; 0 where draws are halves
+    tie: float  # nu of Davidson's model; 0 where ties are halves
     log_likelihood: float  # of the data, the prior not included
     # Pearson chi^2 per degree of freedom: well above 1, the fights are not additive; NaN without
     # any
@@ -48,7 +48,7 @@ class Ratings(NamedTuple):
 
 
 def bradley_terry(
-    wins: NDArray[Any], losses: NDArray[Any], draws: NDArray[Any], prior_sd: float | None = PRIOR_SD
+    wins: NDArray[Any], losses: NDArray[Any], ties: NDArray[Any], prior_sd: float | None = PRIOR_SD
 ) -> Ratings:
     """Rate D defenders and A attackers by fights counted in three [D, A] from the defender's side;
     0 where not played.
@@ -56,8 +56,8 @@ def bradley_terry(
     `prior_sd` in points; None: plain maximum likelihood, which raises ValueError where that is not
     finite.
     """
-    design = design_of(wins, losses, draws)
-    won, lost = wins + draws / 2, losses + draws / 2
+    design = design_of(wins, losses, ties)
+    won, lost = wins + ties / 2, losses + ties / 2
     precision = prior_precision(design, prior_sd)
     theta, covariance, value = fit(
         lambda x, log_nu: bernoulli_cells(won, lost, x), precision, wins.shape
@@ -68,26 +68,26 @@ def bradley_terry(
 
 
 def davidson(
-    wins: NDArray[Any], losses: NDArray[Any], draws: NDArray[Any], prior_sd: float | None = PRIOR_SD
+    wins: NDArray[Any], losses: NDArray[Any], ties: NDArray[Any], prior_sd: float | None = PRIOR_SD
 ) -> Ratings:
-    """As `bradley_terry`, with draws as outcomes of their own (Davidson 1970)."""
-    design = design_of(wins, losses, draws)
-    if prior_sd is None and (not draws.any() or not (wins.any() or losses.any())):
+    """As `bradley_terry`, with ties as outcomes of their own (Davidson 1970)."""
+    design = design_of(wins, losses, ties)
+    if prior_sd is None and (not ties.any() or not (wins.any() or losses.any())):
         raise ValueError(
-            "without draws, or with nothing else, nu has no finite maximum: give a prior"
+            "without ties, or with nothing else, nu has no finite maximum: give a prior"
         )
     prior = prior_precision(design, prior_sd)
     precision = np.zeros((len(prior) + 1,) * 2)
     precision[:-1, :-1] = prior
     precision[-1, -1] = 0.0 if prior_sd is None else (POINTS / prior_sd) ** 2
-    cells = lambda x, log_nu: davidson_cells(wins, losses, draws, x, log_nu)
-    theta, covariance, value = fit(cells, precision, wins.shape, with_draws=True)
+    cells = lambda x, log_nu: davidson_cells(wins, losses, ties, x, log_nu)
+    theta, covariance, value = fit(cells, precision, wins.shape, with_ties=True)
     log_nu = theta[-1]
     log_win = lambda x: x / 2 - np.logaddexp(np.logaddexp(x / 2, -x / 2), log_nu)
     ratings = describe(
-        theta[:-1], covariance[:-1, :-1], design, log_win, wins + draws / 2, losses + draws / 2
+        theta[:-1], covariance[:-1, :-1], design, log_win, wins + ties / 2, losses + ties / 2
     )
-    return ratings._replace(log_likelihood=value, draw=float(np.exp(log_nu)))
+    return ratings._replace(log_likelihood=value, tie=float(np.exp(log_nu)))
 
 
 def prior_precision(design: Design, prior_sd: float | None) -> NDArray[np.float64]:

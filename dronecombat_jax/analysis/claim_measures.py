@@ -91,7 +91,7 @@ def near_the_diagonal(result: TournamentResult, method: str) -> NDArray[np.float
     values = []
     for own in own_maps(result, method):
         table = scores(own.part)
-        rating = bradley_terry(table.wins, table.losses, table.draws).rating
+        rating = bradley_terry(table.wins, table.losses, table.ties).rating
         size = len(own.part.defenders)
         expected = expit((rating[:size, None] - rating[None, size:]) / POINTS)
         beyond = score_rate(own.part) - expected

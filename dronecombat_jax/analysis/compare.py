@@ -118,13 +118,13 @@ def equivalence(first: NDArray[Any], second: NDArray[Any], margin: float = MARGI
 
 
 def pigeonhole_interval(
-    panel: Panel, first: str, second: str, draws: int = 2000, seed: int = 0
+    panel: Panel, first: str, second: str, samples: int = 2000, seed: int = 0
 ) -> tuple[float, float]:
     """95 % interval of the difference of adjusted scores for new runs on both sides (Owen 2007).
 
-    Runs are drawn anew as defenders, within each method, and independently as attackers, within
-    each method; scripted pilots stay. The quantile is Student's with the seeds' freedom, and the
-    variance is scaled by n / (n - 1).
+    Each sample takes the runs anew as defenders, within each method, and independently as
+    attackers, within each method; scripted pilots stay. The quantile is Student's with the seeds'
+    freedom, and the variance is scaled by n / (n - 1).
     """
     methods = np.asarray(panel.methods)
     rows = [np.flatnonzero(methods == name) for name in (first, second)]
@@ -133,20 +133,22 @@ def pigeonhole_interval(
         return float("nan"), float("nan")
     rng = np.random.default_rng(seed)
     groups = np.asarray(panel.group_methods)
-    weight = np.ones((draws, len(groups)))
+    weight = np.ones((samples, len(groups)))
     for name in sorted(
         {name for name, run in zip(panel.group_methods, panel.groups, strict=True) if run}
     ):
         members = np.flatnonzero((groups == name) & np.asarray([bool(run) for run in panel.groups]))
         weight[:, members] = rng.multinomial(
-            len(members), np.full(len(members), 1 / len(members)), draws
+            len(members), np.full(len(members), 1 / len(members)), samples
         )
     share = weight * panel.weights
-    drawn = share @ panel.filled.T / share.sum(axis=1, keepdims=True)  # [draws, R]
+    scored = share @ panel.filled.T / share.sum(axis=1, keepdims=True)  # [samples, R]
     means = []
     for members in rows:
-        multiplicity = rng.multinomial(len(members), np.full(len(members), 1 / len(members)), draws)
-        means.append((multiplicity * drawn[:, members]).mean(axis=1))
+        multiplicity = rng.multinomial(
+            len(members), np.full(len(members), 1 / len(members)), samples
+        )
+        means.append((multiplicity * scored[:, members]).mean(axis=1))
     centre = panel.adjusted[rows[0]].mean() - panel.adjusted[rows[1]].mean()
     spread = np.std(means[0] - means[1]) * np.sqrt(fewest / (fewest - 1))
     reach = float(student.ppf(1 - LEVEL / 2, sum(map(len, rows)) - 2) * spread)

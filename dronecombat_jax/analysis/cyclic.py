@@ -26,17 +26,17 @@ class CyclicShare(NamedTuple):
     corrected: float
     null_mean: float  # mean raw share at additive truth
     null_high: float  # its 95 % quantile
-    # of "additive": (1 + bootstrap draws with as large a Pearson chi^2) / (1 + draws)
+    # of "additive": (1 + bootstrap samples with as large a Pearson chi^2) / (1 + samples)
     p_value: float
     # [D, 2] coordinates: E is about defender_disc @ attacker_disc.T
     defender_disc: NDArray[np.float64]
     attacker_disc: NDArray[np.float64]  # [A, 2]
     disc_share: float  # of |E|^2 that these two dimensions hold
-    draws: int  # of the bootstrap
+    samples: int  # of the bootstrap
 
 
 def score_logits(won: NDArray[Any], lost: NDArray[Any]) -> NDArray[np.float64]:
-    """Empirical logits [...] of won and lost fights, draws half in each: log((won + 1/2) / (lost +
+    """Empirical logits [...] of won and lost fights, ties half in each: log((won + 1/2) / (lost +
     1/2)), finite.
     """
     return np.log((won + 0.5) / (lost + 0.5))
@@ -54,7 +54,7 @@ def split_logits(logits: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 def cyclic_share(
     wins: NDArray[Any],
     losses: NDArray[Any],
-    draws: NDArray[Any],
+    ties: NDArray[Any],
     bootstrap: int = 400,
     seed: int = 0,
 ) -> CyclicShare:
@@ -62,17 +62,17 @@ def cyclic_share(
     played.
 
     The bootstrap's truth has the Bradley-Terry fit's mean score in every cell and the cell's own
-    share of draws, as far as that score allows it; so the test does not lean on a model of draws.
+    share of ties, as far as that score allows it; so the test does not lean on a model of ties.
     It counts each cell by what it knows (chi^2), where |E|^2 would let the noise of lopsided cells
-    drown the rest; with draws in lopsided cells it errs on the safe side (3 % instead of 5 %).
+    drown the rest; with ties in lopsided cells it errs on the safe side (3 % instead of 5 %).
     Raises ValueError for an empty cell (see `design.complete_part`).
     """
-    games = wins + losses + draws
+    games = wins + losses + ties
     if not games.size or np.any(games == 0):
         raise ValueError("the cyclic share needs fights in every cell")
-    additive, cyclic = split_logits(score_logits(wins + draws / 2, losses + draws / 2))
+    additive, cyclic = split_logits(score_logits(wins + ties / 2, losses + ties / 2))
     strength, energy = np.sum(additive**2), np.sum(cyclic**2)
-    null = _bootstrap(wins, losses, draws, bootstrap, np.random.default_rng(seed))
+    null = _bootstrap(wins, losses, ties, bootstrap, np.random.default_rng(seed))
     null_shares = null.energy / np.maximum(null.energy + null.strength, 1e-300)
     rest = max(energy - null.energy.mean(), 0.0)
     solid = max(strength - (null.strength.mean() - null.truth), 0.0)
@@ -87,7 +87,7 @@ def cyclic_share(
         defender_disc=_two(left[:, :2] * scale),
         attacker_disc=_two(right[:2].T * scale),
         disc_share=float(np.sum(values[:2] ** 2) / energy) if energy > 0 else np.nan,
-        draws=bootstrap,
+        samples=bootstrap,
     )
 
 
@@ -102,25 +102,25 @@ class _Null(NamedTuple):
 def _bootstrap(
     wins: NDArray[Any],
     losses: NDArray[Any],
-    draws: NDArray[Any],
+    ties: NDArray[Any],
     num: int,
     rng: np.random.Generator,
 ) -> _Null:
-    games = (wins + losses + draws).astype(int)
-    fitted = bradley_terry(wins, losses, draws)
+    games = (wins + losses + ties).astype(int)
+    fitted = bradley_terry(wins, losses, ties)
     x = differences(fitted.rating / POINTS, games.shape)
     rate = expit(x)
-    share = np.minimum(draws / games, 2.0 * np.minimum(rate, 1.0 - rate))  # of draws
+    share = np.minimum(ties / games, 2.0 * np.minimum(rate, 1.0 - rate))  # of ties
     decided = np.clip((rate - share / 2) / np.maximum(1.0 - share, 1e-300), 0.0, 1.0)
     variance, covariance = games * rate * (1.0 - rate), fitted.covariance / POINTS**2
     energy, strength, misfit = np.empty(num), np.empty(num), np.empty(num)
     for sample in range(num):  # one at a time: 400 tables of 100 x 100 at once are no faster
-        drawn = rng.binomial(games, share)
-        won = rng.binomial(games - drawn, decided) + drawn / 2
+        tied = rng.binomial(games, share)
+        won = rng.binomial(games - tied, decided) + tied / 2
         additive, cyclic = split_logits(score_logits(won, games - won))
         strength[sample], energy[sample] = np.sum(additive**2), np.sum(cyclic**2)
         misfit[sample] = _misfit(won - games * rate, variance, covariance)
-    observed = _misfit(wins + draws / 2 - games * rate, variance, covariance)
+    observed = _misfit(wins + ties / 2 - games * rate, variance, covariance)
     return _Null(energy, strength, float(np.sum(split_logits(x)[0] ** 2)), misfit, observed)
 
 

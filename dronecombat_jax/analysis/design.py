@@ -27,9 +27,7 @@ class Design(NamedTuple):
     games: NDArray[np.float64]  # [P]
 
 
-def design_of(
-    wins: NDArray[Any], losses: NDArray[Any], draws: NDArray[Any] | None = None
-) -> Design:
+def design_of(wins: NDArray[Any], losses: NDArray[Any], ties: NDArray[Any] | None = None) -> Design:
     """Examine the fights of D defenders with A attackers, counted from the defender's side in three
     [D, A].
 
@@ -38,12 +36,12 @@ def design_of(
     which that holds is the reference, and the players above and below it are bounded on one side
     only; without one largest group no player is a reference.
     """
-    draws = np.zeros_like(wins) if draws is None else draws
+    ties = np.zeros_like(wins) if ties is None else ties
     num_defenders, num_attackers = wins.shape
     total = num_defenders + num_attackers
     beats = np.zeros((total, total), bool)
-    beats[:num_defenders, num_defenders:] = (wins + draws) > 0
-    beats[num_defenders:, :num_defenders] = ((losses + draws) > 0).T
+    beats[:num_defenders, num_defenders:] = (wins + ties) > 0
+    beats[num_defenders:, :num_defenders] = ((losses + ties) > 0).T
     graph = csr_array(beats)
     component = connected_components(graph, directed=False)[1]
     group = connected_components(graph, directed=True, connection="strong")[1]
@@ -54,7 +52,7 @@ def design_of(
             bound[members] = OPEN_BOTH  # never fought
         elif len(np.unique(group[members])) > 1:
             bound[members] = _bounds(graph, beats, members, group[members])
-    games = wins + losses + draws
+    games = wins + losses + ties
     return Design(
         component, bound, np.concatenate([games.sum(axis=1), games.sum(axis=0)]).astype(float)
     )

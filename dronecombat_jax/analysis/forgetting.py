@@ -35,7 +35,7 @@ class MapSummary(NamedTuple):
 
 
 class Forgetting(NamedTuple):
-    """How one learner fares against its opponents' past. Scores: 1 a win, 1/2 a draw."""
+    """How one learner fares against its opponents' past. Scores: 1 a win, 1/2 a tie."""
 
     # [2 T - 1] learner's time minus opponent's: above 0 is the past, below 0 the future
     lag: NDArray[np.integer]

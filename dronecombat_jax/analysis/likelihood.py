@@ -19,8 +19,8 @@ class Cells(NamedTuple):
     value: NDArray[Any]
     slope: NDArray[Any]  # in x
     curvature: NDArray[Any]  # minus the second derivative in x
-    draw_slope: NDArray[Any]
-    draw_curvature: NDArray[Any]
+    tie_slope: NDArray[Any]
+    tie_curvature: NDArray[Any]
     cross: NDArray[Any]
 
 
@@ -33,21 +33,19 @@ def bernoulli_cells(won: NDArray[Any], lost: NDArray[Any], x: NDArray[Any]) -> C
 
 
 def davidson_cells(
-    wins: NDArray[Any], losses: NDArray[Any], draws: NDArray[Any], x: NDArray[Any], log_nu: float
+    wins: NDArray[Any], losses: NDArray[Any], ties: NDArray[Any], x: NDArray[Any], log_nu: float
 ) -> Cells:
-    """Davidson's model at differences `x` [D, A]: an exponential family in (win - loss) / 2 and
-    draw.
-    """
+    """Davidson's model at differences `x` [D, A]: an exponential family in (win - loss) / 2, tie."""
     total = np.logaddexp(np.logaddexp(x / 2, -x / 2), log_nu)
-    win, lose, draw = np.exp(x / 2 - total), np.exp(-x / 2 - total), np.exp(log_nu - total)
-    games, lean = wins + losses + draws, (win - lose) / 2
+    win, lose, tie = np.exp(x / 2 - total), np.exp(-x / 2 - total), np.exp(log_nu - total)
+    games, lean = wins + losses + ties, (win - lose) / 2
     return Cells(
-        value=(wins - losses) * x / 2 + draws * log_nu - games * total,
+        value=(wins - losses) * x / 2 + ties * log_nu - games * total,
         slope=(wins - losses) / 2 - games * lean,
         curvature=games * ((win + lose) / 4 - lean**2),
-        draw_slope=draws - games * draw,
-        draw_curvature=games * draw * (1 - draw),
-        cross=-games * lean * draw,
+        tie_slope=ties - games * tie,
+        tie_curvature=games * tie * (1 - tie),
+        cross=-games * lean * tie,
     )
 
 
@@ -55,16 +53,16 @@ def fit(
     cells: Callable[[NDArray[Any], float], Cells],
     precision: NDArray[Any],
     size: tuple[int, int],
-    with_draws: bool = False,
+    with_ties: bool = False,
 ) -> tuple[NDArray[Any], NDArray[Any], float]:
     """Maximise log-likelihood - theta' Q theta / 2 by Newton, Q = `precision`; the target is
     concave.
 
-    theta [P] or, `with_draws`, [P + 1] with log nu last. Returns theta, the inverse of minus the
+    theta [P] or, `with_ties`, [P + 1] with log nu last. Returns theta, the inverse of minus the
     Hessian, and the log-likelihood. Raises ArithmeticError if 200 steps do not reach the maximum.
     """
     theta = np.zeros(len(precision))
-    split = lambda theta: (theta[:-1], float(theta[-1])) if with_draws else (theta, 0.0)
+    split = lambda theta: (theta[:-1], float(theta[-1])) if with_ties else (theta, 0.0)
 
     def evaluate(theta: NDArray[Any]) -> tuple[float, Cells]:
         strength, log_nu = split(theta)
@@ -73,7 +71,7 @@ def fit(
 
     value, at = evaluate(theta)
     for _ in range(200):
-        gradient, hessian = _derivatives(at, with_draws)
+        gradient, hessian = _derivatives(at, with_ties)
         gradient, hessian = gradient - precision @ theta, hessian + precision
         factor = cho_factor(hessian)
         step = cho_solve(factor, gradient)
@@ -101,15 +99,15 @@ def differences(theta: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
     return theta[: size[0], None] - theta[None, size[0] :]
 
 
-def _derivatives(at: Cells, with_draws: bool) -> tuple[NDArray[Any], NDArray[Any]]:
+def _derivatives(at: Cells, with_ties: bool) -> tuple[NDArray[Any], NDArray[Any]]:
     """Gradient, and minus the Hessian, in theta."""
     both = lambda cell: np.concatenate([cell.sum(axis=1), -cell.sum(axis=0)])
     gradient, hessian = both(at.slope), np.diag(np.abs(both(at.curvature)))
     num_defenders = len(at.value)
     hessian[:num_defenders, num_defenders:] = -at.curvature
     hessian[num_defenders:, :num_defenders] = -at.curvature.T
-    if not with_draws:
+    if not with_ties:
         return gradient, hessian
     cross = both(at.cross)[:, None]
-    corner = np.block([[hessian, cross], [cross.T, np.reshape(at.draw_curvature.sum(), (1, 1))]])
-    return np.append(gradient, at.draw_slope.sum()), corner
+    corner = np.block([[hessian, cross], [cross.T, np.reshape(at.tie_curvature.sum(), (1, 1))]])
+    return np.append(gradient, at.tie_slope.sum()), corner

@@ -88,7 +88,10 @@ def nash_average(scores: NDArray[Any], slack: float = SLACK) -> NashAverage:
 
 
 def population_values(
-    result: TournamentResult, populations: dict[str, NDArray[Any]], draws: int = 100, seed: int = 0
+    result: TournamentResult,
+    populations: dict[str, NDArray[Any]],
+    samples: int = 100,
+    seed: int = 0,
 ) -> dict[str, PopulationValue]:
     """The value of each population (indices of defenders, by name) against all attackers of
     `result`.
@@ -101,14 +104,15 @@ def population_values(
     episodes = fights.shape[2]
     rng = np.random.default_rng(seed)
     weights = [
-        rng.multinomial(episodes, np.full(episodes, 1 / episodes)) / episodes for _ in range(draws)
+        rng.multinomial(episodes, np.full(episodes, 1 / episodes)) / episodes
+        for _ in range(samples)
     ]
     values = {}
     for name, members in populations.items():
         own = fights[np.asarray(members, int)]
         game = solve(own.mean(axis=2))
-        drawn = [solve(own @ weight).value for weight in weights]
-        low, high = np.quantile(drawn, [0.025, 0.975]) if drawn else (np.nan, np.nan)
+        sampled = [solve(own @ weight).value for weight in weights]
+        low, high = np.quantile(sampled, [0.025, 0.975]) if sampled else (np.nan, np.nan)
         values[name] = PopulationValue(
             game.value, float(low), float(high), game.defender_mix, game.attacker_mix
         )

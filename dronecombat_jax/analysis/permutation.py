@@ -38,8 +38,8 @@ def relabellings(first: int, second: int, seed: int = 0) -> tuple[NDArray[np.boo
         chosen = np.asarray(list(combinations(range(total), first)), int).reshape(ways, first)
     else:
         rng = np.random.default_rng(seed)
-        drawn = rng.permuted(np.tile(np.arange(total), (SAMPLED, 1)), axis=1)[:, :first]
-        chosen = np.concatenate([np.arange(first)[None], drawn])
+        sampled = rng.permuted(np.tile(np.arange(total), (SAMPLED, 1)), axis=1)[:, :first]
+        chosen = np.concatenate([np.arange(first)[None], sampled])
     labels = np.zeros((len(chosen), total), bool)
     labels[np.arange(len(chosen))[:, None], chosen] = True
     labels.flags.writeable = False  # all callers share it
@@ -78,8 +78,8 @@ def sign_flip_test(differences: NDArray[Any], seed: int = 0) -> Permutation:
     if exact:
         signs = 1 - 2 * ((np.arange(2**count)[:, None] >> np.arange(count)) & 1)
     else:
-        drawn = np.random.default_rng(seed).choice([-1, 1], (SAMPLED, count))
-        signs = np.concatenate([np.ones((1, count), int), drawn])
+        sampled = np.random.default_rng(seed).choice([-1, 1], (SAMPLED, count))
+        signs = np.concatenate([np.ones((1, count), int), sampled])
     means = signs @ differences / count
     return Permutation(
         _share(means, np.abs(differences).max()), np.asarray(means[0]), len(signs), exact

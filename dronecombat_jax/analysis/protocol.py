@@ -119,7 +119,7 @@ def _lifted(result: TournamentResult, orders: int, seed: int) -> NDArray[np.floa
     rows = []
     for number, own in enumerate(own_maps(result, IPPO)):
         table = scores(own.part)
-        rating = bradley_terry(table.wins, table.losses, table.draws).rating
+        rating = bradley_terry(table.wins, table.losses, table.ties).rating
         size = len(own.part.defenders)
         ahead = rating[:size, None] - rating[None, size:]
         chance = np.random.default_rng([seed, number]).random((*ahead.shape, PLANTED_EPISODES))

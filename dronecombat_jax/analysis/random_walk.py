@@ -69,12 +69,12 @@ def timelines(result: TournamentResult) -> tuple[Timeline, ...]:
 def random_walk_curve(
     wins: NDArray[Any],
     losses: NDArray[Any],
-    draws: NDArray[Any],
+    ties: NDArray[Any],
     chains: Sequence[Timeline],
     width: float | None = None,
     prior_sd: float = PRIOR_SD,
 ) -> Curve:
-    """Ratings by fights [D, A] counted from the defender's side; a draw is half a win and half a
+    """Ratings by fights [D, A] counted from the defender's side; a tie is half a win and half a
     loss.
 
     Prior: sum over neighbours of (theta_t - theta_t-1)^2 / (2 w^2 (time_t - time_t-1)); the first
@@ -82,8 +82,8 @@ def random_walk_curve(
     points; None: the w of the largest marginal likelihood, p(data | w) ~ likelihood x prior x
     sqrt(|Q| / |H + Q|) at the mode (Laplace).
     """
-    won, lost = wins + draws / 2, losses + draws / 2
-    design = design_of(wins, losses, draws)
+    won, lost = wins + ties / 2, losses + ties / 2
+    design = design_of(wins, losses, ties)
     total = len(design.bound)
 
     def solve(width: float) -> tuple[NDArray[Any], NDArray[Any], float]:

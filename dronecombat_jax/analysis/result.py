@@ -70,7 +70,7 @@ class Scores(NamedTuple):
     """Outcomes by cell, each [D, A] int; all three are 0 where not played."""
 
     wins: NDArray[np.integer]  # of the defender
-    draws: NDArray[np.integer]
+    ties: NDArray[np.integer]
     losses: NDArray[np.integer]
 
 
@@ -163,14 +163,14 @@ def count_causes(cause: NDArray[Any]) -> NDArray[np.int32]:
 
 
 def scores(result: TournamentResult) -> Scores:
-    """The defender's wins, the draws and its losses in each cell."""
+    """The defender's wins, the ties and its losses in each cell."""
     who = np.asarray(result.winner)
     by = lambda outcome: result.counts[:, :, who == outcome].sum(axis=2)
     return Scores(by(Outcome.DEFENDER), by(Outcome.DRAW), by(Outcome.ATTACKER))
 
 
 def score_rate(result: TournamentResult) -> NDArray[np.float64]:
-    """The defender's mean score [D, A]: a win 1, a draw 1/2, a loss 0; NaN where not played."""
+    """The defender's mean score [D, A]: a win 1, a tie 1/2, a loss 0; NaN where not played."""
     return np.where(result.played, fight_scores(result).mean(axis=2), np.nan)
 
 

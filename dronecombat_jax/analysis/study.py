@@ -56,7 +56,7 @@ class Effort(NamedTuple):
 
     orders: int = 32  # of the fights, for Elo
     bootstrap: int = 400  # for the cyclic share
-    value_draws: int = 100  # for the population values
+    value_samples: int = 100  # for the population values
 
 
 class Memory(NamedTuple):
@@ -87,7 +87,7 @@ class Study(NamedTuple):
     elo_scale: Scale  # one standard deviation over orders
     ratings: Ratings  # Bradley-Terry
     scale: Scale  # its 95 % intervals
-    davidson: Ratings  # draws as outcomes of their own
+    davidson: Ratings  # ties as outcomes of their own
     smooth: Curve | None
     smooth_scale: Scale | None
     win_maps: dict[str, tuple[RunMap, ...]]  # by method: the share of fights that the defender wins
@@ -116,7 +116,7 @@ def study(result: TournamentResult, effort: Effort | None = None) -> Study:
     methods = tuple(
         dict.fromkeys(entrant.method for _, entrant in showings(entrants) if entrant.lineage)
     )
-    counts = (table.wins, table.losses, table.draws)
+    counts = (table.wins, table.losses, table.ties)
     ratings = bradley_terry(*counts)
     smooth = (
         random_walk_curve(*counts, timelines(result)) if len(entrants) <= LARGEST_CURVE else None
@@ -160,7 +160,7 @@ def study(result: TournamentResult, effort: Effort | None = None) -> Study:
         nash=nash_average(rate) if rate.size else None,
         nash_part=whole,
         alpha_rank=None if rank is None else (rank.defender, rank.attacker),
-        populations=population_values(whole, populations, effort.value_draws),
+        populations=population_values(whole, populations, effort.value_samples),
         endings=(endings(result, DEFENDER), endings(result, ATTACKER)),
         missing=tuple(missing(result, ratings, smooth, whole)),
     )
@@ -233,7 +233,7 @@ def _by_identity(part: TournamentResult) -> TournamentResult:
 def _cyclic(part: TournamentResult, effort: Effort) -> CyclicShare | None:
     table = scores(part)
     return (
-        cyclic_share(table.wins, table.losses, table.draws, effort.bootstrap)
+        cyclic_share(table.wins, table.losses, table.ties, effort.bootstrap)
         if part.played.size
         else None
     )

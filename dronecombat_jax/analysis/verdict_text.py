@@ -74,7 +74,7 @@ def _block(answer: Answer) -> str:
         answer.sentence,
         f"  adjusted score        {numbers.first} {answer.means[0]:.3f}   "
         f"{numbers.second} {answer.means[1]:.3f}   at least {numbers.fights:,} fights a seed; "
-        "a win 1, a draw 1/2",
+        "a win 1, a tie 1/2",
         f"{'':24}as if all had met all attackers; against a run's own, what both strengths predict",
         f"  differences are {numbers.first} minus {numbers.second}, with 95 % intervals:",
         f"  adjusted score        {_interval(numbers.adjusted_score)} Welch;  Cohen's d {effect}",

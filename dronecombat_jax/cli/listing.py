@@ -10,7 +10,7 @@ from pathlib import Path
 from dronecombat_jax.config import estimates
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.files import prune
-from dronecombat_jax.files.inventory import OUTCOMES, POLICY, RUN, TOURNAMENT, Item, inventory
+from dronecombat_jax.files.inventory import POLICY, RUN, TOURNAMENT, Item, inventory
 from dronecombat_jax.machine import backend
 from dronecombat_jax.runs.progress import printable
 from dronecombat_jax.runs.rate import count_text, share_text
@@ -30,7 +30,10 @@ def table(items: Sequence[Item]) -> str:
     blocks = []
     for kind, title in TITLES.items():
         some = [item for item in items if item.kind == kind]
-        rows = [(title, "state", "progress", " / ".join(OUTCOMES), "size", ""), *map(_row, some)]
+        rows = [
+            (title, "state", "progress", "defender / attacker / tie", "size", ""),
+            *map(_row, some),
+        ]
         if some:
             blocks.append("\n".join(_aligned(rows)))
     return "\n\n".join(blocks)

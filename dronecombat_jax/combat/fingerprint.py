@@ -25,6 +25,7 @@ ENVIRONMENT_VERSION = 1
 _LATER = {
     "game.spawn_spread": 0.0,
     "game.defender_spread": 0.0,
+    "game.nearest_k": 2,
     "sim.actuation": "wrench",
     "sim.drag": False,
     "sim.gust_speed": 0.0,

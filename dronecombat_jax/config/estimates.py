@@ -15,6 +15,7 @@ from dronecombat_jax.config.fields import Config
 OBSERVATION_SIZE = 35  # eq. 5
 ACTION_SIZE = 4
 AGENTS = 2  # drones
+WHOLE_SIZE = OBSERVATION_SIZE + AGENTS  # what a central critic sees
 SIDES = 2  # learners
 PHYSICS_BYTES = 4700  # of MJX's arrays per environment (measured, docs/performance.md)
 FIGHT_FLOATS = 36  # of one fight in a checkpoint
@@ -30,13 +31,14 @@ def estimated_bytes(config: Config) -> int:
     pool.
 
     Floats of four bytes. A transition of an agent holds two observations (the final one is kept),
-    an action and ten scalars, and exists twice while a mini-batch is cut from it. A mini-batch
-    holds three activations per hidden unit in each of two networks. A learner holds weights and
-    Adam's two moments.
+    an action and ten scalars, for a central critic two whole states, too, and exists twice while a
+    mini-batch is cut from it. A mini-batch holds three activations per hidden unit in each of two
+    networks. A learner holds weights and Adam's two moments.
     """
     learn, train = config.learn, config.train
     transitions = train.num_envs * learn.rollout_steps
-    rollout = 2 * transitions * AGENTS * (2 * OBSERVATION_SIZE + ACTION_SIZE + 10)
+    seen = OBSERVATION_SIZE + (WHOLE_SIZE if learn.critic == "central" else 0)
+    rollout = 2 * transitions * AGENTS * (2 * seen + ACTION_SIZE + 10)
     minibatch = transitions // learn.minibatches * 6 * sum(learn.hidden_sizes)
     policy, value = _network_floats(config)
     learners = SIDES * 3 * (policy + value)

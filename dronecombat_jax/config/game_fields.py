@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.sides import DUEL, Sides
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,10 @@ class DroneConfig:
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """What policies observe of both drones; each side has errors of its own, of a normal law."""
+    """What policies observe of both drones; each side has errors of its own, of a normal law.
+
+    Range, field of view and drop-out hide the other drone: its numbers are then 0.
+    """
 
     side: Literal["both", "defender", "attacker"] = setting(
         "both", "whose policies observe so; the others observe the state itself"
@@ -121,6 +125,20 @@ class SensorConfig:
     )
     latency: int = setting(0, "control steps before a measurement arrives", low=0, high=50)
     period: int = setting(1, "control steps from one measurement to the next", low=1, high=50)
+    range: float = setting(
+        0.0, "farther away another drone is not seen; 0: however far", unit="m", low=0.0, high=1e3
+    )
+    field_of_view: float = setting(
+        360.0,
+        "full angle about the body's x axis in which another drone is seen; 360: all round",
+        unit="degrees",
+        low=0.0,
+        high=360.0,
+        low_open=True,
+    )
+    dropout: float = setting(
+        0.0, "share of the measurements in which another drone is not seen", low=0.0, high=1.0
+    )
 
 
 @dataclass(frozen=True)
@@ -181,12 +199,22 @@ class GameConfig:
     timeout_rule: Literal["draw", "defender"] = setting(
         "draw", "who wins at time-out: nobody, or the defender (the attacker has failed)"
     )
-    observation: Literal["world", "ego"] = setting(
+    observation: Literal["world", "ego", "bearing", "nearest"] = setting(
         "world",
-        "world: eq. 5 for both agents; ego: the same in the observing drone's own frame",
+        "world: eq. 5 for both agents; ego: the same in the observing drone's own frame; bearing: of "
+        "the other drone its direction alone, as a camera gives; nearest: the nearest team mates and "
+        "opponents, in the own frame",
         own=True,
     )
+    nearest_k: int = setting(
+        2, "observation nearest: slots for team mates and for opponents, each", low=1, high=8
+    )
     random_clock: bool = setting(True, "draw the episode clock uniformly at a run's first reset")
+
+    @property
+    def sides(self) -> Sides:
+        """The side of each drone, in the order of all arrays: defenders, then attackers."""
+        return DUEL
 
 
 @dataclass(frozen=True)

@@ -215,6 +215,11 @@ def _learning(config: Config) -> Iterator[Problem]:
             f"environments and {together} steps a rollout, which must be a multiple of learn.minibatches = "
             f"{learn.minibatches}",
         )
+    if learn.critic == "central" and learn.algorithm != "ppo":
+        yield Problem(
+            ("learn.critic", "learn.algorithm"),
+            f"learn.critic = central needs learn.algorithm = ppo: what {learn.algorithm} sees is its own business",
+        )
     low, start, high = learn.min_learning_rate, learn.learning_rate, learn.max_learning_rate
     if low > high or (learn.learning_rate_schedule == "kl" and not low <= start <= high):
         yield Problem(

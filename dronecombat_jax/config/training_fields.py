@@ -14,6 +14,11 @@ class LearnConfig:
     """IPPO: two independent PPO learners that share nothing (eq. 13-18)."""
 
     algorithm: Literal["ppo"] = setting("ppo", "how each side learns (learn.algorithms)", own=True)
+    critic: Literal["own", "central"] = setting(
+        "own",
+        "what the value function sees: what its policy does; or the whole state and who it is "
+        "(MAPPO); the policy flies by its observation either way",
+    )
     hidden_sizes: tuple[int, ...] = setting(
         (256, 128), "hidden units of policy and value networks", low=1, high=8192
     )
@@ -131,8 +136,8 @@ class SelfPlayConfig:
     )
     record: Literal["win", "rho", "margin"] = setting(
         "win",
-        "what a fight of t out of T steps counts in the record that samplers see: win: won 1, drawn 1/2; rho: how soon, "
-        "1 - t/T where won, else 0; margin: (1 + rho)/2 won, 1/2 drawn, (1 - rho)/2 lost",
+        "what a fight of t out of T steps counts in the record that samplers see: win: won 1, tied 1/2; rho: how soon, "
+        "1 - t/T where won, else 0; margin: (1 + rho)/2 won, 1/2 tied, (1 - rho)/2 lost",
     )
     scope: Literal["chunk", "environment"] = setting(
         "chunk", "one past opponent for a whole chunk (paper), or one drawn for each environment"

@@ -26,7 +26,7 @@ RUNNING, STOPPED, FINISHED, DAMAGED, EMPTY, WHOLE = (
     "running", "stopped", "finished", "damaged", "empty", "whole",
 )  # fmt: skip
 RUN, TOURNAMENT, POLICY = "run", "tournament", "policy"
-OUTCOMES = ("defender", "attacker", "draw")
+OUTCOMES = ("defender", "attacker", "draw")  # as files name them
 CELLS, RESULT, ABOUT = "cells", "result.npz", "result.json"  # of a tournament
 _TAIL_BYTES = 1 << 18  # of a log that are looked at
 

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.combat.observe import observation_of, whole_of
+from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.own import chosen
 from dronecombat_jax.learn.ippo import adopt, init_learner, update_learner
 from dronecombat_jax.learn.rollout import policy_of, select
@@ -24,8 +25,8 @@ ALL = slice(None)  # environments
 class Algorithm(NamedTuple):
     """Pure functions of one side; a learner is any pytree of arrays."""
 
-    # (key, settings, length of the observation) -> learner
-    init: Callable[[jax.Array, LearnConfig, int], Any]
+    # (key, settings, length of the observation) -> learner; PPO's also takes `critic_size`
+    init: Callable[..., Any]
     # (settings, learner, rollout leaves [T, N, A, ...], side, key) -> learner, what happened
     learn: Callable[[LearnConfig, Any, Transition, int, jax.Array], tuple[Any, UpdateMetrics]]
     policy: Callable[[Any], Policy]  # what flies of a learner; any leading axes
@@ -39,6 +40,15 @@ ALGORITHMS: dict[str, Algorithm] = {"ppo": PPO}
 def algorithm_of(learn: LearnConfig) -> Algorithm:
     """The algorithm that `learn.algorithm` names."""
     return chosen(ALGORITHMS, learn.algorithm)
+
+
+def new_learner(key: jax.Array, config: Config) -> Any:
+    """One side before training, by the algorithm of `config`, which only a central critic shows
+    more than the observation's length.
+    """
+    learn, size = config.learn, observation_of(config).size
+    more = {"critic_size": whole_of(config).size} if learn.critic == "central" else {}
+    return algorithm_of(learn).init(key, learn, size, **more)
 
 
 def learn_from(

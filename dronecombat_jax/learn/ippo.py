@@ -28,24 +28,29 @@ from dronecombat_jax.types import (
 
 
 def init_learner(
-    key: jax.Array, learn: LearnConfig, observation_size: int = OBSERVATION_SIZE
+    key: jax.Array,
+    learn: LearnConfig,
+    observation_size: int = OBSERVATION_SIZE,
+    critic_size: int | None = None,
 ) -> Learner:
-    """One side before training."""
-    parameters = project_log_std(init_parameters(key, learn, observation_size), learn)
+    """One side before training; `critic_size`: length of what a central critic sees."""
+    parameters = init_parameters(key, learn, observation_size, critic_size)
+    parameters = project_log_std(parameters, learn)
     return Learner(
         parameters=parameters,
         optimizer=optimizer(learn).init(parameters),
         observation_scaler=init_scaler((observation_size,)),
         value_scaler=init_scaler(()),
         learning_rate=jnp.asarray(learn.learning_rate, jnp.float32),
+        critic_scaler=None if critic_size is None else init_scaler((critic_size,)),
     )
 
 
 def update_learner(
     learn: LearnConfig, learner: Learner, rollout: Transition, agent: int, key: jax.Array
 ) -> tuple[Learner, UpdateMetrics]:
-    """Update one agent on its own part of the rollout; observation statistics move afterwards,
-    once.
+    """Update one agent on its own part of the rollout; statistics of what is observed move
+    afterwards, once.
     """
     observation = rollout.observation[:, :, agent]
     value, next_value = estimate_values(learn, learner, rollout, agent)
@@ -69,6 +74,12 @@ def update_learner(
         weight=weight,
         value_weight=value_weight,
     )
+    if learner.critic_scaler is not None:
+        assert rollout.whole is not None
+        whole = rollout.whole[:, :, agent]
+        batch = batch._replace(whole=scaled(learn, learner.critic_scaler, whole))
+        scaler = update_scaler(learner.critic_scaler, whole, value_weight)
+        learner = learner.replace(critic_scaler=scaler)
     learner, metrics = optimize(learn, learner, batch, key)
     scaler = update_scaler(learner.observation_scaler, observation, weight)
     return learner.replace(observation_scaler=scaler), metrics
@@ -97,18 +108,21 @@ def estimate_values(
     """Value of every state and of every state's successor, both [T, N] on the reward's scale.
 
     The successor of a truncated step is its final observation; else the next step's value serves.
+    A central critic values whole states in the place of observations.
     """
+    seen, final, scaler = rollout.observation, rollout.final_observation, learner.observation_scaler
+    if learner.critic_scaler is not None:
+        assert rollout.whole is not None and rollout.final_whole is not None
+        seen, final, scaler = rollout.whole, rollout.final_whole, learner.critic_scaler
 
-    def evaluate(observation: jax.Array) -> jax.Array:
-        value = forward(
-            learner.parameters.value, scaled(learn, learner.observation_scaler, observation)
-        )[..., 0]
+    def evaluate(seen: jax.Array) -> jax.Array:
+        value = forward(learner.parameters.value, scaled(learn, scaler, seen))[..., 0]
         return denormalize(learner.value_scaler, value) if learn.normalize_values else value
 
     # Step by step: activations of N fights stay in the cache, those of T N do not (3 x faster on a
     # CPU).
-    value = jax.lax.map(evaluate, rollout.observation[:, :, agent])
-    final = rollout.final_observation[:, :, agent]
+    value = jax.lax.map(evaluate, seen[:, :, agent])
+    final = final[:, :, agent]
     following = jnp.concatenate([value[1:], evaluate(final[-1])[None]])
     if not learn.bootstrap_timeout:
         return value, following

@@ -26,17 +26,27 @@ def init_mlp(key: jax.Array, sizes: tuple[int, ...], hidden_gain: float, output_
 
 
 def init_parameters(
-    key: jax.Array, learn: LearnConfig, observation_size: int = OBSERVATION_SIZE
+    key: jax.Array,
+    learn: LearnConfig,
+    observation_size: int = OBSERVATION_SIZE,
+    critic_size: int | None = None,
 ) -> Parameters:
-    """One side's untrained policy and value."""
+    """One side's untrained policy and value; `critic_size`: inputs of the value where they are
+    not the observation.
+    """
     policy_key, value_key = jax.random.split(key)
-    hidden = (observation_size, *learn.hidden_sizes)
+    seen = observation_size if critic_size is None else critic_size
     return Parameters(
         policy=init_mlp(
-            policy_key, (*hidden, ACTION_SIZE), learn.hidden_gain, learn.policy_output_gain
+            policy_key,
+            (observation_size, *learn.hidden_sizes, ACTION_SIZE),
+            learn.hidden_gain,
+            learn.policy_output_gain,
         ),
         log_std=jnp.full(ACTION_SIZE, learn.initial_log_std, jnp.float32),
-        value=init_mlp(value_key, (*hidden, 1), learn.hidden_gain, learn.hidden_gain),
+        value=init_mlp(
+            value_key, (seen, *learn.hidden_sizes, 1), learn.hidden_gain, learn.hidden_gain
+        ),
     )
 
 

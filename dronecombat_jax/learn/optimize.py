@@ -117,7 +117,8 @@ def loss(
     log_ratio = gaussian_log_prob(batch.action.T, mean.T, log_std) - batch.log_prob
     # elsewhere exp(log_ratio) could be infinite
     log_ratio = jnp.where(weight > 0.0, log_ratio, 0.0)
-    value = forward_columns(parameters.value, batch.observation)[0]
+    seen = batch.observation if batch.whole is None else batch.whole
+    value = forward_columns(parameters.value, seen)[0]
 
     policy_loss = ppo.policy_loss(log_ratio, batch.advantage, weight, learn.clip_ratio)
     value_loss = ppo.value_loss(

@@ -11,7 +11,6 @@ from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import normalize
 from dronecombat_jax.types import (
     ACTION_SIZE,
-    NUM_AGENTS,
     EnvState,
     Learner,
     Policy,
@@ -37,30 +36,36 @@ def collect(
 ) -> tuple[EnvState, Transition]:
     """Fly `rollout_steps` steps in every environment.
 
-    `env` leaves [N, ...]. All random numbers are drawn before the scan
-    (one call each, and XLA's CPU runtime has deadlocked on draws inside it).
+    `env` leaves [N, ...]. All random numbers are made before the scan: one call each, and XLA's
+    CPU runtime has deadlocked where a scan made them.
     """
     learn = combat.config.learn
     num_envs = env.clock.shape[0]
     alone = jnp.arange(num_envs) < combat.config.solo_envs
     steps = learn.rollout_steps
-    noise = jax.random.normal(noise_key, (steps, num_envs, NUM_AGENTS, ACTION_SIZE))
-    draws = combat.draw_exploring(spawn_key, (steps, num_envs))
+    noise = jax.random.normal(
+        noise_key, (steps, num_envs, len(combat.config.game.sides), ACTION_SIZE)
+    )
+    numbers = combat.exploring_numbers(spawn_key, (steps, num_envs))
 
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
-        noise, draw = random
+        noise, numbers = random
         observation = jax.vmap(combat.observe)(env)
         action, log_prob = act(learn, policies, observation, noise, env)
         after, output = jax.vmap(combat.step)(env, action)
         done = output.terminated | output.truncated
         following = jax.tree.map(
             lambda new, old: jnp.where(done.reshape(-1, *[1] * (new.ndim - 1)), new, old),
-            jax.vmap(combat.explore)(draw, alone),
+            jax.vmap(combat.explore)(numbers, alone),
             after,
         )
-        return following, _transition(observation, action, log_prob, output, after)
+        transition = _transition(observation, action, log_prob, output, after)
+        if learn.critic == "central":
+            look = jax.vmap(combat.observe_whole)
+            transition = transition._replace(whole=look(env), final_whole=look(after))
+        return following, transition
 
-    return jax.lax.scan(fly, env, (noise, draws))
+    return jax.lax.scan(fly, env, (noise, numbers))
 
 
 def act(

@@ -74,7 +74,7 @@ _LAYER = """    for (int o = 0; o < {outputs}; ++o) {{
 
 
 def save_c(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False) -> None:
-    """Write one policy as a header; the draw's log_std is not in it.
+    """Write one policy as a header; `log_std` is not in it.
 
     Raises UserError 73 where `path` exists (without `force`) or the disk refuses.
     """
@@ -154,7 +154,7 @@ def _scale(policy: Policy) -> np.ndarray:
 
 
 def _observations(policy: Policy, info: PolicyInfo) -> np.ndarray:
-    """[TESTS, 35] about what the policy has seen, drawn anew the same each time."""
+    """Random observations [TESTS, 35] such as the policy has seen, the same each time."""
     drawn = np.random.default_rng(0).normal(size=(TESTS, info.layer_sizes[0]))
     if info.normalize_observations:
         drawn = np.asarray(policy.observation_scaler.mean) + drawn * _scale(policy)

@@ -15,12 +15,12 @@ from dronecombat_jax.types import SIDES
 
 def cyclic_discs(study: Study) -> Figure:
     """The part of the scores that no rating explains, in its two largest dimensions."""
-    draws = next((value.draws for value in study.cyclic.values() if value is not None), 0)
+    samples = next((value.samples for value in study.cyclic.values() if value is not None), 0)
     foot = (
         "A defender scores better than its rating says against attackers that lie in its own direction from the centre, "
         "worse against the opposite ones; the further out, the more. Lines: seeds in order of training, dot: the final "
         "policy, star: a scripted pilot. Share: of the logits' variance, corrected for the noise of finitely many "
-        f"fights; p: of 'no cyclic part', parametric bootstrap of {draws} draws. {games(study.result)}"
+        f"fights; p: of 'no cyclic part', parametric bootstrap of {samples} samples. {games(study.result)}"
     )
     panels = list(study.cyclic.items())
     columns = min(len(panels), 3)
@@ -60,7 +60,7 @@ def _disc(ax: Axes, part: TournamentResult, share: CyclicShare, heading: str) ->
         if np.isnan(share.disc_share)
         else f"\nthese two dimensions hold {_percent(share.disc_share)} of it"
     )
-    least = ", the least possible" if share.p_value <= 1 / (1 + share.draws) else ""
+    least = ", the least possible" if share.p_value <= 1 / (1 + share.samples) else ""
     verdict = least if share.p_value < 0.05 else ": no more than noise"
     ax.set_title(
         f"{heading}\ncyclic share {_percent(share.corrected)} (raw {_percent(share.raw)}, noise "

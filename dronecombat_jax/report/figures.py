@@ -21,7 +21,7 @@ from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.types import SIDES
 
 MOST_POINTS = 200  # of one curve; longer runs are averaged in bins of equal numbers of iterations
-ROLE_COLOURS = {"defender": "#0072B2", "attacker": "#D55E00", "draw": "#7F7F7F"}
+ROLE_COLOURS = {"defender": "#0072B2", "attacker": "#D55E00", "tie": "#7F7F7F"}
 # From the bottom of the stack: good for the defender, for nobody, for the attacker.
 OUTCOMES = {
     "intercept": ("intercepted", "#0072B2"),
@@ -126,8 +126,9 @@ def _lines(panel: str) -> dict[str, str]:
     """The keys of the records that a panel shows, and their labels."""
     if panel == "episode_steps":
         return {panel: "both"}
-    sides = ("defender", "draw", "attacker") if panel == "win" else SIDES
-    return {f"{panel}/{side}": side for side in sides}
+    if panel == "win":
+        return {"win/defender": "defender", "win/draw": "tie", "win/attacker": "attacker"}
+    return {f"{panel}/{side}": side for side in SIDES}
 
 
 def _bin_means(curve: np.ndarray, weight: np.ndarray, size: int) -> np.ndarray:

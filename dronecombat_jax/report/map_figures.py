@@ -55,7 +55,7 @@ def score_map(study: Study) -> Figure:
     result = study.result
     grey = "" if result.played.all() else "Grey: not played. "
     foot = (
-        "Mean score of the defender: a win 1, a draw 1/2, a loss 0. Entrants of one seed lie together, in order of "
+        "Mean score of the defender: a win 1, a tie 1/2, a loss 0. Entrants of one seed lie together, in order of "
         f"training; lines part the seeds. {grey}{games(result)}"
     )
     rows, columns = _in_order(result.defenders), _in_order(result.attackers)

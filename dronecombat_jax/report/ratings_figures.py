@@ -102,7 +102,7 @@ def ratings_over_time(study: Study) -> Figure:
         walk = f"Smoothed: a random walk of {study.smooth.width:.0f} points a chunk along each seed's training. "
     foot = (
         f"All entrants in one tournament. {GAUGE}, in all panels. One line a seed; a band up to the frame has no end. "
-        f"Bradley-Terry counts a draw as half a win and takes fights as independent; prior: standard deviation "
+        f"Bradley-Terry counts a tie as half a win and takes fights as independent; prior: standard deviation "
         f"{PRIOR_SD:g} points. Elo: K {K_FACTOR:g}, mean and standard deviation over "
         f"{study.elo.orders} orders of the first {min(ELO_EPISODES, study.result.cause.shape[2])} fights a cell, a "
         f"spread that more fights do not narrow. {walk}{games(study.result)}"

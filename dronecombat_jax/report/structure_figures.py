@@ -36,7 +36,7 @@ SUMMARIES = {  # heading: of one run's memory
 def forgetting_profile(study: Study) -> Figure:
     """Scores against opponents of the past and the future, and what the final policies lost."""
     foot = (
-        "Score: a win 1, a draw 1/2. Lag: checkpoints of the tournament between learner and opponent, which are of the "
+        "Score: a win 1, a tie 1/2. Lag: checkpoints of the tournament between learner and opponent, which are of the "
         "same run; above 0 the opponent is older. Line: mean over seeds; band: one standard deviation over seeds. "
         f"Right: the final defender of each seed, bar: mean over seeds. {own_games(study.result)}"
     )

@@ -39,11 +39,11 @@ def ratings(study: Study) -> Table:
     """Every entrant with its fights and all ratings."""
     result, table, rated = study.result, scores(study.result), study.ratings
     parts = [np.concatenate([values.sum(axis=1), values.sum(axis=0)]) for values in table]
-    wins, draws, losses = parts
+    wins, ties, losses = parts
     cut = len(result.defenders)
     # an attacker wins what a defender loses
     wins[cut:], losses[cut:] = parts[2][cut:].copy(), parts[0][cut:].copy()
-    games = np.maximum(wins + draws + losses, 1e-300)
+    games = np.maximum(wins + ties + losses, 1e-300)
     elo, scale = study.elo_scale, study.scale
     smooth = (
         np.full(len(games), np.nan) if study.smooth_scale is None else study.smooth_scale.rating
@@ -53,7 +53,7 @@ def ratings(study: Study) -> Table:
     rows = [
         (
             SIDES[i >= cut], entrant.label, entrant.method, entrant.run, entrant.seed, entrant.chunk, entrant.steps, entrant.identity,
-            wins[i], draws[i], losses[i], (wins[i] + draws[i] / 2) / games[i] if games[i] >= 1 else np.nan,
+            wins[i], ties[i], losses[i], (wins[i] + ties[i] / 2) / games[i] if games[i] >= 1 else np.nan,
             scale.rating[i], rated.error[i], scale.low[i], scale.high[i],
             BOUNDS.get(int(rated.design.bound[i]), "open both ways"), rated.design.component[i],
             study.davidson.rating[i] if games[i] >= 1 else np.nan, study.davidson.error[i],
@@ -69,9 +69,9 @@ def ratings(study: Study) -> Table:
     )
     about = (
         f"{GAUGE}; elo_in_own_run: the same within each run. Component: ratings of two components cannot be compared. "
-        f"Bradley-Terry counts a draw as half a win; its errors take fights as independent and strengths as additive "
-        f"(Pearson dispersion {rated.dispersion:.2f}, 1 if so). Davidson's model has draws of their own (nu "
-        f"{study.davidson.draw:.3g}). also_saved_as: the same policy at other times, which flew once."
+        f"Bradley-Terry counts a tie as half a win; its errors take fights as independent and strengths as additive "
+        f"(Pearson dispersion {rated.dispersion:.2f}, 1 if so). Davidson's model has ties of their own (nu "
+        f"{study.davidson.tie:.3g}). also_saved_as: the same policy at other times, which flew once."
     )
     return _table("ratings", about, columns.split(), rows)
 
@@ -162,7 +162,7 @@ def memory(study: Study) -> Table:
         "final_defender_home final_defender_away home_minus_away"
     )
     about = (
-        "Mean scores, a win 1 and a draw 1/2. Backward transfer below 0: the final policy lost what "
+        "Mean scores, a win 1 and a tie 1/2. Backward transfer below 0: the final policy lost what "
         "it could. Worst cases and home scores tell of the own attackers' strength, too; methods are "
         "compared by them after an adjustment for it."
     )

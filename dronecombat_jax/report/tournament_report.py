@@ -198,5 +198,5 @@ def _summary(result: TournamentResult) -> list[str]:
     return [
         f"{fights:,} fights: {defenders} defenders against {attackers} attackers, {result.cause.shape[2]} fights a cell, "
         f"each from the same start states. {seeds or 'No trained entrants'}.",
-        "Ratings of two tournaments cannot be compared. Every rating states its gauge; draws count as half a win.",
+        "Ratings of two tournaments cannot be compared. Every rating states its gauge; ties count as half a win.",
     ]

@@ -249,7 +249,8 @@ def report_text(result: dict[str, Any]) -> str:
     for group in ("win", "cause", "crash"):
         for name, (share, low, high) in result[group].items():
             if group == "win" or share > 0:
-                lines.append(f"  {group:<6} {name:<15} {share:6.3f}  [{low:.3f}, {high:.3f}]")
+                shown = "tie" if name == "draw" else name
+                lines.append(f"  {group:<6} {shown:<15} {share:6.3f}  [{low:.3f}, {high:.3f}]")
     length = result["seconds"]
     lines.append(
         f"  length {length['mean']:.2f} s (median {length['p50']:.2f}, 5-95 % {length['p5']:.2f}-{length['p95']:.2f})"

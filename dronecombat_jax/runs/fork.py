@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 COUNTED_IN = ("learn.rollout_steps", "train.chunk_iterations")
 SHAPES = (
     "learn.hidden_sizes",
+    "learn.critic",
     "train.num_envs",
     "train.num_seeds",
     "selfplay.probability",

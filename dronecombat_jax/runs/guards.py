@@ -1,7 +1,7 @@
 """When training has to stop: too many diverged fights, too many lost updates, a device that fails.
 And the state then.
 
-One diverged fight is a draw and one gradient that is not finite is skipped, both inside the program
+One diverged fight is a tie and one gradient that is not finite is skipped, both inside the program
 (`combat.env`, `learn.ippo`). What lives here counts them across program calls.
 """
 

@@ -39,7 +39,7 @@ class ProgressUpdate(NamedTuple):
     steps: int  # environment steps so far, all seeds together
     defender_wins: float = math.nan
     attacker_wins: float = math.nan
-    draws: float = math.nan
+    ties: float = math.nan
     defender_crashes: float = math.nan
     attacker_crashes: float = math.nan
     note: str = ""  # such as "chunk 3/34"
@@ -205,11 +205,11 @@ def steps_text(progress: Progress) -> str:
 
 
 def outcome_text(update: ProgressUpdate) -> str:
-    """Shares of both sides: won and crashed; draws; the note."""
+    """Shares of both sides: won and crashed; ties; the note."""
     text = (
         f"defender won {share_text(update.defender_wins)} crashed {share_text(update.defender_crashes)} | "
         f"attacker won {share_text(update.attacker_wins)} crashed {share_text(update.attacker_crashes)} | "
-        f"draw {share_text(update.draws)}"
+        f"tie {share_text(update.ties)}"
     )
     return f"{text} | {printable(update.note)}" if update.note else text
 

@@ -65,7 +65,7 @@ def progress_update(
         steps=iterations_done * config.steps_per_iteration * config.train.num_seeds,
         defender_wins=_share(wins[Outcome.DEFENDER], episodes),
         attacker_wins=_share(wins[Outcome.ATTACKER], episodes),
-        draws=_share(wins[Outcome.DRAW], episodes),
+        ties=_share(wins[Outcome.DRAW], episodes),
         defender_crashes=_share(crashes[DEFENDER], episodes),
         attacker_crashes=_share(crashes[ATTACKER], episodes),
         note=f"chunk {chunk}/{config.num_chunks}",

@@ -193,7 +193,7 @@ def brought_up_to_date(state: "TrainState", config: Config) -> "TrainState":
         )
         selfplay = selfplay.replace(pools=tuple(pools))
     shape = state.env.clock.shape[:1]  # [S]
-    unknown = jax.device_get(tally.unknown(config.train.num_envs))
+    unknown = jax.device_get(tally.unknown(config.train.num_envs, len(config.game.sides)))
     flown = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (*shape, *leaf.shape)).copy(), unknown)
     learners = state.learners.replace(parameters=parameters)
     return state.replace(learners=learners, selfplay=selfplay, flown=flown)

@@ -10,11 +10,10 @@ from typing import Any
 
 import jax
 
-from dronecombat_jax.combat.observe import observation_of
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.files.arrays import Arrays, nonfinite, paths, unflatten
 from dronecombat_jax.files.manifest import CheckpointError
-from dronecombat_jax.learn.algorithms import algorithm_of
+from dronecombat_jax.learn.algorithms import algorithm_of, new_learner
 from dronecombat_jax.policies.file import as_flown, tensors_of
 from dronecombat_jax.types import Policy
 
@@ -24,7 +23,7 @@ def policies_in(arrays: Arrays, config: Config, path: Path) -> Policy:
 
     Raises CheckpointError where there are none that can fly.
     """
-    template = _learner(config.learn, observation_of(config).size)
+    template = _learner(config)
     try:
         leaves = [arrays[name] for name, _ in paths({"learners": template})]
     except KeyError as error:
@@ -41,7 +40,6 @@ def policies_of(learners: Any, learn: LearnConfig) -> Policy:
 
 
 @lru_cache(maxsize=32)
-def _learner(learn: LearnConfig, observation_size: int) -> Any:
+def _learner(config: Config) -> Any:
     """The shapes of one learner."""
-    init = lambda: algorithm_of(learn).init(jax.random.key(0), learn, observation_size)
-    return jax.eval_shape(init)
+    return jax.eval_shape(lambda: new_learner(jax.random.key(0), config))

@@ -18,7 +18,7 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.learn.algorithms import algorithm_of, learn_from, without
+from dronecombat_jax.learn.algorithms import learn_from, new_learner, without
 from dronecombat_jax.learn.rollout import Policies, collect
 from dronecombat_jax.learn.sharding import along_environments
 from dronecombat_jax.selfplay import opponents, tally
@@ -71,12 +71,11 @@ def init_state(combat: Combat) -> TrainState:
         keys = jax.random.split(_key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS), NUM_SIDES)
         # One after the other: under vmap jax 0.10.1 on two cores has hung here, in about one start
         # of a hundred.
-        learn, size = combat.config.learn, combat.observation.size
-        learners = jax.lax.map(lambda key: algorithm_of(learn).init(key, learn, size), keys)
+        learners = jax.lax.map(lambda key: new_learner(key, combat.config), keys)
         return TrainState(
             learners=learners,
             env=reset_fights(combat, seed, jnp.zeros((), jnp.int32)),
-            flown=tally.fresh(train.num_envs),
+            flown=tally.fresh(train.num_envs, len(combat.config.game.sides)),
             seed=seed,
             iteration=jnp.zeros((), jnp.int32),
             selfplay=init_selfplay(combat.config, learners),
@@ -202,7 +201,7 @@ def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
         if config.train.reset_at_chunk:
             env, flown = (
                 reset_fights(combat, state.seed, state.iteration),
-                tally.fresh(config.train.num_envs),
+                tally.fresh(config.train.num_envs, len(combat.config.game.sides)),
             )
         if selfplay is not None:
             selfplay = save_players(config, selfplay, learners, chunk)
@@ -260,8 +259,8 @@ def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvSt
     """N fights about to start; their clocks are drawn so that time-outs do not come in waves."""
     config = combat.config
     num_envs = config.train.num_envs
-    draws = combat.draw_exploring(_key(seed, iteration, Purpose.RESET), (num_envs,))
-    env = jax.vmap(combat.explore)(draws, jnp.arange(num_envs) < config.solo_envs)
+    numbers = combat.exploring_numbers(_key(seed, iteration, Purpose.RESET), (num_envs,))
+    env = jax.vmap(combat.explore)(numbers, jnp.arange(num_envs) < config.solo_envs)
     if not config.game.random_clock:
         return env
     key = _key(seed, iteration, Purpose.CLOCK)

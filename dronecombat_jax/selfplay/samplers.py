@@ -61,7 +61,7 @@ def pfsp_variance(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
 
 
 def latest_and_hard(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
-    """Half of the draws the newest, half (1 - x)^k among all, the newest included.
+    """Half of the opponents the newest, half (1 - x)^k among all, the newest included.
 
     Gavin and Bronz (2026, arXiv 2607.05939), with k = 2 and x graded: `selfplay.record` rho.
     """
@@ -80,27 +80,27 @@ SAMPLERS: dict[str, Sampler] = {
     "latest_and_hard": latest_and_hard,
 }
 
-# (live learner won, fight drawn, rho = 1 - t / T of a fight of t steps out of at most T) -> its
+# (live learner won, fight tied, rho = 1 - t / T of a fight of t steps out of at most T) -> its
 # worth to the live learner, from 0 to 1; all of one shape
 Grade = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
 
 
-def win(won: jax.Array, drawn: jax.Array, rho: jax.Array) -> jax.Array:
-    """Whether: 1, a draw 1/2, else 0."""
-    return jnp.where(won, 1.0, jnp.where(drawn, 0.5, 0.0))
+def win(won: jax.Array, tied: jax.Array, rho: jax.Array) -> jax.Array:
+    """Whether: 1, a tie 1/2, else 0."""
+    return jnp.where(won, 1.0, jnp.where(tied, 0.5, 0.0))
 
 
-def rho(won: jax.Array, drawn: jax.Array, rho: jax.Array) -> jax.Array:
+def rho(won: jax.Array, tied: jax.Array, rho: jax.Array) -> jax.Array:
     """How soon: rho where the learner won, else 0 (Gavin and Bronz 2026, arXiv 2607.05939)."""
     return jnp.where(won, rho, 0.0)
 
 
-def margin(won: jax.Array, drawn: jax.Array, rho: jax.Array) -> jax.Array:
-    """How soon, for either side: (1 + rho) / 2 won, 1/2 drawn, (1 - rho) / 2 lost.
+def margin(won: jax.Array, tied: jax.Array, rho: jax.Array) -> jax.Array:
+    """How soon, for either side: (1 + rho) / 2 won, 1/2 tied, (1 - rho) / 2 lost.
 
     The two sides' grades add up to 1, so 1/2 is an even opponent, as with `win`.
     """
-    return jnp.where(won, 0.5 + 0.5 * rho, jnp.where(drawn, 0.5, 0.5 - 0.5 * rho))
+    return jnp.where(won, 0.5 + 0.5 * rho, jnp.where(tied, 0.5, 0.5 - 0.5 * rho))
 
 
 GRADES: dict[str, Grade] = {"win": win, "rho": rho, "margin": margin}

@@ -35,7 +35,7 @@ class Written:
 
     path: Path
     model: mujoco.MjModel
-    drones: tuple[Drone, Drone]  # of a file that holds one drone, twice the same
+    drones: tuple[Drone, ...]  # two; of a file that holds one drone, twice the same
     flown: Flown
     whole: bool  # a scene with both drones and the target, not one drone
     rotors: Rotors | None = None  # None: nothing says enough of them
@@ -132,10 +132,9 @@ def apply_game(sim: SimConfig, spec: mujoco.MjSpec) -> None:
         option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{bit}"))
 
 
-def read_drones(model: mujoco.MjModel) -> tuple[Drone, Drone]:
-    """Defender and attacker of a compiled scene."""
-    defender, attacker = (read_drone(model, model.body(name).id) for name in DRONES)
-    return defender, attacker
+def read_drones(model: mujoco.MjModel, names: tuple[str, ...] = DRONES) -> tuple[Drone, ...]:
+    """The drones of a compiled scene."""
+    return tuple(read_drone(model, model.body(name).id) for name in names)
 
 
 def _read_scene(sim: SimConfig, path: Path, spec: mujoco.MjSpec) -> Written:

@@ -63,10 +63,10 @@ def read_drone(model: Any, root: int) -> Drone:
     return Drone(root, centre, _in_order_of_axes(body))
 
 
-def read_flown(path: Path, model: Any, drones: tuple[Drone, Drone]) -> Flown:
+def read_flown(path: Path, model: Any, drones: tuple[Drone, ...]) -> Flown:
     """The numbers that a flight depends on. Raises UserError that names what cannot be flown."""
     option = model.opt
-    flown = Flown((drones[0].body, drones[1].body), -float(option.gravity[2]))
+    flown = Flown(tuple(drone.body for drone in drones), -float(option.gravity[2]))
     if option.disableflags & _PASSIVE != _PASSIVE and (option.density > 0 or option.viscosity > 0):
         wind = tuple(map(float, option.wind))
         fluid = float(option.density), float(option.viscosity), wind
@@ -165,7 +165,8 @@ def _refuse_other_motion(path: Path, model: Any, drone: Drone, index: int, flown
     Compared are the centre of mass and the rates of the file's drone with those of a body made of
     `flown` alone, at drawn poses and velocities. Raises UserError.
     """
-    plain, model = rigid_bodies(flown, model.opt.timestep), copy.copy(model)
+    names = tuple(map(str, range(len(flown.bodies))))
+    plain, model = rigid_bodies(flown, model.opt.timestep, names=names), copy.copy(model)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)  # `wrench` looks at those
     for seed in range(3):
         random = np.random.default_rng(seed)

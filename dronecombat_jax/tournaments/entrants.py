@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from dronecombat_jax.analysis.result import Alias, Entrant
-from dronecombat_jax.arena.players import Player
+from dronecombat_jax.arena.players import Player, refuse_other_shape
 from dronecombat_jax.combat.fingerprint import ROTORS, SCENE, environment, environment_diff
 from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.config import settings
@@ -71,6 +71,9 @@ def read_field(
             EXIT_CONFIG,
         )
     notices = _other_games(contenders, config, allow_mismatch)
+    for contender in contenders:
+        if contender.player is not None:
+            refuse_other_shape(contender.entrant.label, contender.player.pilot, config)
     _refuse_two_of_a_name(contenders)
     seats = _seats(contenders, DEFENDER), _seats(contenders, ATTACKER)
     for role, side in enumerate(seats):

@@ -38,7 +38,7 @@ class Rung(NamedTuple):
     rating: float  # Bradley-Terry, Elo points; the mean over all rungs of both sides is 1500
     low: float  # of its 95 % interval
     high: float
-    score: float  # mean over its fights: a win 1, a draw 1/2
+    score: float  # mean over its fights: a win 1, a tie 1/2
     worst: tuple[tuple[str, float], ...]  # those who beat it, the worst first, and its score
 
     @property
@@ -67,8 +67,8 @@ def standing(result: TournamentResult, also: Mapping[str, Sequence[str]]) -> tup
     Ratings are those of all fights together; a rung's interval is what it would get as a newcomer
     to the others.
     """
-    wins, draws, losses = scores(result)
-    ratings, points = bradley_terry(wins, losses, draws).rating, fight_scores(result)
+    wins, ties, losses = scores(result)
+    ratings, points = bradley_terry(wins, losses, ties).rating, fight_scores(result)
     sides = result.defenders, result.attackers
     anchors = ratings[len(sides[0]) :], ratings[: len(sides[0])]
     rungs: list[Rung] = []

@@ -12,7 +12,7 @@ import numpy as np
 
 from dronecombat_jax.analysis.newcomer import rate_newcomer
 from dronecombat_jax.analysis.result import score_of
-from dronecombat_jax.arena.players import Player
+from dronecombat_jax.arena.players import Player, refuse_other_shape
 from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.arena.round_robin import play
 from dronecombat_jax.combat.env import Combat
@@ -42,7 +42,7 @@ class Rated(NamedTuple):
     high: float  # inf where it was never beaten
     place: int  # among the players of its role on the ladder, 1 the best; itself counted once
     places: int
-    score: float  # mean over its fights: a win 1, a draw 1/2
+    score: float  # mean over its fights: a win 1, a tie 1/2
     fights: int
     worst: tuple[tuple[str, float], ...]  # those who beat it, the worst first, and its score
     notes: tuple[str, ...]  # what a reader should know, one line each
@@ -145,6 +145,9 @@ def _rate_side(
     """Rate newcomers who all fly as `side`."""
     own = combat.config.game.observation
     players = [_in_its_frame(contender, own) for contender in contenders]
+    for contender, player in zip(contenders, players, strict=True):
+        label = contender.entrant.label
+        refuse_other_shape(label, player.pilot, combat.config, player.observation)
     rungs = ladder.side(SIDES[1 - SIDES.index(side)])
     opponents = [player for rung in rungs for player in _players(rung.word)]
     score = _fly(combat, side, players, opponents, rules)

@@ -13,8 +13,8 @@ GAUGE = "Elo points; the mean over all players of both sides is 1500, and only d
 
 def standings_text(result: TournamentResult, top: int = TOP) -> str:
     """The `top` defenders and attackers: rating, standard error, 95 % interval, mean score, fights."""
-    wins, draws, losses = scores(result)
-    ratings = bradley_terry(wins, losses, draws)
+    wins, ties, losses = scores(result)
+    ratings = bradley_terry(wins, losses, ties)
     rate = score_rate(result)
     played = result.played
     average = lambda axis: (

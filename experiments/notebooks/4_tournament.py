@@ -22,8 +22,8 @@ REPOSITORY = "OWNER/dronecombat-jax"  # a placeholder until the project has a pu
 def install() -> None:
     """From the checkout around this notebook, or from REPOSITORY; versions of constraints.txt."""
     folders = [Path.cwd(), *Path.cwd().parents]
-    found = [path for path in folders if (path / "dronecombat_jax/__init__.py").is_file()]
-    source = found[0] if found else Path("dronecombat-jax").absolute()
+    checkouts = [path for path in folders if (path / "dronecombat_jax/__init__.py").is_file()]
+    source = checkouts[0] if checkouts else Path("dronecombat-jax").absolute()
     if not source.is_dir():
         if REPOSITORY.startswith("OWNER/"):
             raise RuntimeError("REPOSITORY is a placeholder: open this notebook in a checkout")
@@ -96,8 +96,8 @@ from dronecombat_jax.analysis.bradley_terry import bradley_terry
 from dronecombat_jax.analysis.elo import elo_ratings
 from dronecombat_jax.analysis.result import scores
 
-wins, draws, losses = scores(result)
-ratings = bradley_terry(wins, losses, draws)
+wins, ties, losses = scores(result)
+ratings = bradley_terry(wins, losses, ties)
 elo = elo_ratings(result, orders={"smoke": 4, "full": 32}[SIZES])
 entrants = [*result.defenders, *result.attackers]
 sequential = np.concatenate([elo.defender, elo.attacker])
@@ -137,7 +137,7 @@ dc.show(runs[1], attacker=runs[0], fights=1)
 # What this notebook claims, checked.
 defenders, attackers = result.played.shape
 assert result.played.all() and result.counts.sum() == defenders * attackers * EPISODES
-assert np.array_equal(wins + draws + losses, np.full(result.played.shape, EPISODES))
+assert np.array_equal(wins + ties + losses, np.full(result.played.shape, EPISODES))
 lineages = {entrant.lineage for entrant in entrants if entrant.lineage}
 seeds = dc.load_config(PRESET).train.num_seeds
 assert len(lineages) == 2 * seeds, lineages

@@ -31,8 +31,8 @@ def pairs(wins, losses):
     return won + [(SIZE[0] + j, i) for i, j in np.ndindex(*SIZE) for _ in range(losses[i, j])]
 
 
-def evalica_fights(wins, draws, losses):
-    kinds = ((wins, evalica.Winner.X), (draws, evalica.Winner.Draw), (losses, evalica.Winner.Y))
+def evalica_fights(wins, ties, losses):
+    kinds = ((wins, evalica.Winner.X), (ties, evalica.Winner.Draw), (losses, evalica.Winner.Y))
     fights = [
         (i, SIZE[0] + j, how)
         for i, j in np.ndindex(*SIZE)
@@ -60,25 +60,25 @@ def test_the_prior_agrees_with_choix():
     np.testing.assert_allclose(strengths(ours), centred(theirs), atol=1e-9)
 
 
-def test_draws_as_halves_agree_with_evalica():
-    wins, draws, losses = np.moveaxis(TRINOMIAL, -1, 0)
+def test_ties_as_halves_agree_with_evalica():
+    wins, ties, losses = np.moveaxis(TRINOMIAL, -1, 0)
     theirs = evalica.bradley_terry(
-        *evalica_fights(wins, draws, losses), tolerance=1e-15, limit=10**5
+        *evalica_fights(wins, ties, losses), tolerance=1e-15, limit=10**5
     )
-    ours = bradley_terry(wins, losses, draws, prior_sd=None)
+    ours = bradley_terry(wins, losses, ties, prior_sd=None)
     np.testing.assert_allclose(
         strengths(ours), centred(np.log(theirs.scores.sort_index())), atol=1e-12
     )
 
 
 def test_davidson_agrees_with_evalicas_newman_with_nu_twice_its_v():
-    wins, draws, losses = np.moveaxis(TRINOMIAL, -1, 0)
-    theirs = evalica.newman(*evalica_fights(wins, draws, losses), tolerance=1e-15, limit=10**5)
-    ours = davidson(wins, losses, draws, prior_sd=None)
+    wins, ties, losses = np.moveaxis(TRINOMIAL, -1, 0)
+    theirs = evalica.newman(*evalica_fights(wins, ties, losses), tolerance=1e-15, limit=10**5)
+    ours = davidson(wins, losses, ties, prior_sd=None)
     np.testing.assert_allclose(
         strengths(ours), centred(np.log(theirs.scores.sort_index())), atol=1e-12
     )
-    assert ours.draw == pytest.approx(2 * theirs.v, abs=1e-12)
+    assert ours.tie == pytest.approx(2 * theirs.v, abs=1e-12)
 
 
 def test_one_pair_worked_by_hand():
@@ -99,10 +99,10 @@ def test_95_percent_intervals_cover_the_planted_truth(model):
         x = strength[:7, None] - strength[None, 7:]
         if model == "davidson":
             weight = np.stack([np.exp(x / 2), 0.8 + 0 * x, np.exp(-x / 2)], -1)
-            wins, draws, losses = np.moveaxis(
+            wins, ties, losses = np.moveaxis(
                 rng.multinomial(20, weight / weight.sum(-1, keepdims=True)), -1, 0
             )
-            ratings = davidson(wins, losses, draws)
+            ratings = davidson(wins, losses, ties)
         else:
             wins = rng.binomial(20, 1 / (1 + np.exp(-x)))
             ratings = bradley_terry(wins, 20 - wins, 0 * wins)
@@ -164,9 +164,9 @@ def test_who_is_bounded(wins, losses, bounds):
     assert design_of(np.array(wins), np.array(losses)).bound.tolist() == bounds
 
 
-def test_draws_bound_on_both_sides():
-    wins, losses, draws = np.array([[5, 4]]), np.array([[0, 0]]), np.array([[0, 1]])
-    assert design_of(wins, losses, draws).bound.tolist() == [BOUNDED, OPEN_BELOW, BOUNDED]
+def test_ties_bound_on_both_sides():
+    wins, losses, ties = np.array([[5, 4]]), np.array([[0, 0]]), np.array([[0, 1]])
+    assert design_of(wins, losses, ties).bound.tolist() == [BOUNDED, OPEN_BELOW, BOUNDED]
 
 
 @pytest.mark.parametrize("model", [bradley_terry, davidson])
@@ -178,7 +178,7 @@ def test_an_unbeaten_player_is_finite_and_its_interval_open(model):
     assert np.isfinite(ratings.high[1:]).all()
     # At the low end, ten wins over each of the two have a probability of 2.5 %.
     x = (ratings.low[0] - ratings.rating[2:]) / POINTS
-    chance = np.exp(x / 2) / (np.exp(x / 2) + ratings.draw + np.exp(-x / 2))
+    chance = np.exp(x / 2) / (np.exp(x / 2) + ratings.tie + np.exp(-x / 2))
     assert np.prod(chance**10) == pytest.approx(0.025)
     assert ratings.low[0] < ratings.rating[0]
     # Seen from the attackers' side the same fights give the mirror image.
@@ -197,11 +197,11 @@ def test_a_winless_player_has_no_lower_end():
 
 
 @pytest.mark.parametrize("model", [bradley_terry, davidson])
-def test_only_draws_put_everyone_at_the_mean(model):
+def test_only_ties_put_everyone_at_the_mean(model):
     ratings = model(np.zeros((2, 3)), np.zeros((2, 3)), np.full((2, 3), 4))
     np.testing.assert_allclose(ratings.rating, 1500)
     assert np.isfinite(ratings.low).all() and np.isfinite(ratings.high).all()
-    assert np.isfinite(ratings.draw)
+    assert np.isfinite(ratings.tie)
 
 
 def test_parts_that_never_met_are_not_comparable():

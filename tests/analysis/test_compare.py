@@ -166,12 +166,12 @@ def test_the_interval_for_new_attackers_covers_where_the_seeds_interval_does_not
     rng = np.random.default_rng(2)
     methods = ["a"] * 6 + ["b"] * 6
     pigeonhole, seeds = [], []
-    for draw in range(150):
+    for seed in range(150):
         suits = np.where(np.arange(12) < 6, 1.0, -1.0)[:, None] * rng.normal(0, 0.1, 12)
         table = 0.5 + suits + rng.normal(0, 0.03, (12, 12)) + rng.normal(0, 0.03, (12, 1))
         np.fill_diagonal(table, NAN)
         panel = panel_of(table, methods)
-        low, high = pigeonhole_interval(panel, "a", "b", 300, draw)
+        low, high = pigeonhole_interval(panel, "a", "b", 300, seed)
         pigeonhole.append(low < 0 < high)
         alone = welch(panel.adjusted[:6], panel.adjusted[6:])
         seeds.append(alone.low < 0 < alone.high)

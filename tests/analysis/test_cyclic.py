@@ -63,10 +63,10 @@ def test_at_additive_truth_it_is_found_one_time_in_twenty():
     found = []
     for seed in range(400):
         rate = bradley_terry_rates(rng.normal(0, 0.7, 7), rng.normal(0, 0.7, 7))
-        # every other table has draws
-        drawn = rng.binomial(20, (seed % 2) * 1.6 * rate * (1 - rate))
-        wins = rng.binomial(20 - drawn, rate)
-        found.append(cyclic_share(wins, 20 - drawn - wins, drawn, 59, seed).p_value <= 0.05)
+        # every other table has ties
+        tied = rng.binomial(20, (seed % 2) * 1.6 * rate * (1 - rate))
+        wins = rng.binomial(20 - tied, rate)
+        found.append(cyclic_share(wins, 20 - tied - wins, tied, 59, seed).p_value <= 0.05)
     assert 0.03 <= np.mean(found) <= 0.07
 
 
@@ -84,7 +84,7 @@ def test_small_and_empty_tables():
     one = cyclic_share(np.array([[3]]), np.array([[1]]), np.array([[0]]), 20)
     assert np.isnan(one.raw) and one.corrected == 0 and one.p_value == 1
     assert one.defender_disc.shape == (1, 2)
-    drawn = cyclic_share(np.zeros((2, 2)), np.zeros((2, 2)), np.full((2, 2), 5), 20)
-    assert np.isnan(drawn.raw) and drawn.p_value == 1
+    tied = cyclic_share(np.zeros((2, 2)), np.zeros((2, 2)), np.full((2, 2), 5), 20)
+    assert np.isnan(tied.raw) and tied.p_value == 1
     with pytest.raises(ValueError, match="every cell"):
         cyclic_share(np.array([[3, 0]]), np.array([[1, 0]]), np.array([[0, 0]]))

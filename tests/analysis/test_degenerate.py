@@ -24,7 +24,7 @@ from dronecombat_jax.types import ATTACKER, DEFENDER
 RESULTS = {
     "unbeaten attacker": ([["lll", "wld"], ["lll", "dww"]], 1, 1),
     "winless defender and unbeaten attacker": ([["lll", "lll"], ["lll", "wwl"]], 2, 1),
-    "only draws": ([["ddd", "ddd"], ["ddd", "ddd"]], 0, 1),
+    "only ties": ([["ddd", "ddd"], ["ddd", "ddd"]], 0, 1),
     "only wins": ([["www", "www"], ["www", "www"]], 4, 1),
     "one pair": ([["wwl"]], 0, 1),
     "one fight": ([["w"]], 2, 1),
@@ -38,7 +38,7 @@ RESULTS = {
 def test_ratings_are_finite_and_their_open_ends_flagged(name, model):
     letters, num_open, parts = RESULTS[name]
     table = scores(from_letters(letters))
-    ratings = model(table.wins, table.losses, table.draws)
+    ratings = model(table.wins, table.losses, table.ties)
     is_open = ratings.design.bound != BOUNDED
     assert np.isfinite(ratings.rating).all()
     assert is_open.sum() == num_open
@@ -56,9 +56,9 @@ def test_elo_and_the_curve_are_finite(name):
     assert (
         elo.defender_games.sum()
         == elo.attacker_games.sum()
-        == table.wins.sum() + table.draws.sum() + table.losses.sum()
+        == table.wins.sum() + table.ties.sum() + table.losses.sum()
     )
-    curve = random_walk_curve(table.wins, table.losses, table.draws, timelines(result))
+    curve = random_walk_curve(table.wins, table.losses, table.ties, timelines(result))
     assert np.isfinite(curve.ratings.rating).all() and np.isfinite(curve.log_evidence)
 
 
@@ -71,7 +71,7 @@ def test_matrix_statistics_use_the_part_that_was_played(name):
     average = nash_average(rate)
     assert 0 <= average.game.value <= 1 and average.game.gap < 3e-5
     assert alpha_rank(rate).profile.sum() == pytest.approx(1)
-    share = cyclic_share(table.wins, table.losses, table.draws, 20)
+    share = cyclic_share(table.wins, table.losses, table.ties, 20)
     assert 0 < share.p_value <= 1 and 0 <= share.corrected <= 1
 
 
@@ -86,7 +86,7 @@ def test_rates_and_endings_are_missing_exactly_where_nothing_was_played(name):
     assert forgetting(run.score).pairs.sum() == result.played.sum()
 
 
-def test_only_draws_leave_methods_undecided_or_equal_but_never_ranked():
+def test_only_ties_leave_methods_undecided_or_equal_but_never_ranked():
     methods = ("a", "b")
     result = build(
         np.full((8, 8, 5), 6, np.int8), entrants("d", 4, 1, methods), entrants("a", 4, 1, methods)

@@ -16,7 +16,7 @@ PLANTED = from_rates(
 
 def test_three_fights_worked_by_hand():
     # D0 beats A0:   E = 1 / (1 + 10^0) = 0.5;               D0 1500 + 32 (1 - 0.5) = 1516, A0 1484.
-    # D1 draws A0:   E_D1 = 1 / (1 + 10^((1484 - 1500) / 400)) = 1 / (1 + 0.912011) = 0.523010
+    # D1 ties with A0:   E_D1 = 1 / (1 + 10^((1484 - 1500) / 400)) = 1 / (1 + 0.912011) = 0.523010
     #                D1 1500 + 32 (0.5 - 0.523010) = 1499.26368, A0 1484.73632.
     # D0 loses A0:   E_D0 = 1 / (1 + 10^((1484.73632 - 1516) / 400)) = 1 / (1 + 0.835298) = 0.544870
     #                D0 1516 - 32 * 0.544870 = 1498.56416, A0 1502.17216.
@@ -57,7 +57,7 @@ def test_the_sum_of_all_ratings_is_conserved():
 def test_the_mean_over_orders_comes_near_the_maximum_of_the_likelihood_and_the_spread_is_elos():
     ratings = elo_ratings(PLANTED, orders=400)
     exact = bradley_terry(
-        *(getattr(scores(PLANTED), name) for name in ("wins", "losses", "draws")), prior_sd=None
+        *(getattr(scores(PLANTED), name) for name in ("wins", "losses", "ties")), prior_sd=None
     )
     # The mean of 400 orders has an error of 52.6 / 20 points; K = 32 itself biases by a point or
     # two.

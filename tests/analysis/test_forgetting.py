@@ -51,7 +51,7 @@ def test_each_run_is_mapped_on_the_common_chunks_whatever_the_order_of_entrants(
     attackers = [*entrants("a", 1, 3, ("s-ippo",)), *entrants("a", 1, 2)]
     cause = np.full((5, 5, 2), Cause.REACHED, np.int8)
     cause[1, 3] = Cause.INTERCEPT  # ippo's second defender beats its first attacker
-    cause[4, 0] = Cause.TIMEOUT  # s-ippo's third draws with its first
+    cause[4, 0] = Cause.TIMEOUT  # s-ippo's third ties with its first
     order = np.array([4, 0, 3, 1, 2])
     result = build(cause[order], [defenders[one] for one in order], attackers)
     maps = {one.run: one for one in run_maps(result)}

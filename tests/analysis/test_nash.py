@@ -131,17 +131,17 @@ def test_averages_are_bounded_by_the_value():
 
 def test_the_value_of_a_population_and_its_interval_over_start_states():
     # Method b holds the better defender of each attacker; in episode 1 everyone loses, which only
-    # the draws can show.
+    # the samples can show.
     cause = np.full((3, 2, 20), Cause.REACHED, np.int8)
     cause[0, 0, :10] = cause[1, 0, :10] = cause[2, 1, :10] = Cause.INTERCEPT
     result = build(cause, entrants("d", 1, 3), entrants("a", 1, 2))
-    values = population_values(result, {"a": np.array([0]), "b": np.array([1, 2])}, draws=200)
+    values = population_values(result, {"a": np.array([0]), "b": np.array([1, 2])}, samples=200)
     assert values["a"].value == 0.0  # attacker 1 always beats it
     assert (values["a"].low, values["a"].high) == (0.0, 0.0)
     assert values["b"].value == pytest.approx(0.25)  # half of 10 in 20
     np.testing.assert_allclose(values["b"].defender_mix, 0.5)
-    # Won episodes are Binomial(20, 1/2): 95 % of draws have 6 to 14 of them, half of that share is
-    # the value.
+    # Won episodes are Binomial(20, 1/2): 95 % of samples have 6 to 14 of them; the value is half
+    # of that share.
     assert values["b"].low == pytest.approx(6 / 40, abs=0.026)
     assert values["b"].high == pytest.approx(14 / 40, abs=0.026)
 
@@ -153,5 +153,5 @@ def test_a_game_with_holes_is_refused_and_one_fight_is_a_game():
         solve(np.zeros((0, 3)))
     holed = from_letters([["w", "."], ["l", "w"]])
     with pytest.raises(ValueError, match="every cell"):
-        population_values(holed, {"a": np.array([0])}, draws=0)
+        population_values(holed, {"a": np.array([0])}, samples=0)
     assert nash_average(np.array([[0.3]])).attacker.tolist() == pytest.approx([0.7])

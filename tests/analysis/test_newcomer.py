@@ -54,8 +54,8 @@ def test_a_player_of_a_tournament_gets_the_rating_that_it_has_there():
     rng = np.random.default_rng(0)
     points = rng.choice([0.0, 0.5, 1.0], p=[0.4, 0.2, 0.4], size=(6, 5, 20))
     points[2] = 1.0  # never beaten
-    wins, draws, losses = (np.sum(points == value, axis=2) for value in (1.0, 0.5, 0.0))
-    joint = bradley_terry(wins, losses, draws).rating
+    wins, ties, losses = (np.sum(points == value, axis=2) for value in (1.0, 0.5, 0.0))
+    joint = bradley_terry(wins, losses, ties).rating
     for player in range(6):
         rated = rate_newcomer(points[player], joint[6:])
         assert rated.rating == pytest.approx(joint[player], abs=1e-6)
@@ -94,25 +94,25 @@ TRIALS = 500
 SLACK = 3 * (0.95 * 0.05 / TRIALS) ** 0.5  # three standard errors of a share of 0.95
 
 
-def held(draw: Callable[[], np.ndarray], truth: float) -> float:
-    """The share of intervals that hold `truth`; `draw()`: the points [N, E] of one trial."""
-    rated = [rate_newcomer(draw(), ANCHORS) for _ in range(TRIALS)]
+def held(trial: Callable[[], np.ndarray], truth: float) -> float:
+    """The share of intervals that hold `truth`; `trial()`: the points [N, E] of one trial."""
+    rated = [rate_newcomer(trial(), ANCHORS) for _ in range(TRIALS)]
     return float(np.mean([each.low <= truth <= each.high for each in rated]))
 
 
 @pytest.mark.parametrize("truth", [1150.0, 1500.0, 1900.0])
-@pytest.mark.parametrize("drawn", [0.0, 0.3])
-def test_95_of_100_intervals_hold_the_truth(truth: float, drawn: float):
-    """Fights drawn from the model, `drawn` of them draws; those make a score vary less: never fewer."""
+@pytest.mark.parametrize("tied", [0.0, 0.3])
+def test_95_of_100_intervals_hold_the_truth(truth: float, tied: float):
+    """Fights by the model, `tied` of them ties; those make a score vary less: never fewer."""
     rng = np.random.default_rng(1)
     chance = expit(strength(truth) - strength(ANCHORS))
-    # a draw in place of a win and a loss alike, which leaves the mean score as it was
-    draws = 2.0 * drawn * np.minimum(chance, 1.0 - chance)
-    above = np.stack([chance - draws / 2, chance + draws / 2])[..., None]
-    draw = lambda: (rng.random((21, 30)) < above).mean(axis=0) if drawn else _fight(rng, chance)
-    share = held(draw, truth)
+    # a tie in place of a win and a loss alike, which leaves the mean score as it was
+    ties = 2.0 * tied * np.minimum(chance, 1.0 - chance)
+    above = np.stack([chance - ties / 2, chance + ties / 2])[..., None]
+    trial = lambda: (rng.random((21, 30)) < above).mean(axis=0) if tied else _fight(rng, chance)
+    share = held(trial, truth)
     assert share > 0.95 - SLACK
-    assert drawn or share < 0.99  # no wider than it has to be
+    assert tied or share < 0.99  # no wider than it has to be
 
 
 def test_95_of_100_hold_the_truth_where_a_start_suits_it_or_not():
@@ -127,12 +127,12 @@ def test_95_of_100_hold_the_truth_where_a_start_suits_it_or_not():
     modelled = expit(strength(grid)[:, None] - strength(ANCHORS)).sum(axis=1)
     truth = float(grid[np.argmin(np.abs(modelled - chance.mean(axis=0).sum()))])
 
-    def draw() -> np.ndarray:
+    def trial() -> np.ndarray:
         starts = rng.integers(2, size=60)
         return (rng.random((21, 60)) < chance[starts].T).astype(float)
 
-    mixed = lambda: rng.permuted(draw(), axis=1)
-    assert held(draw, truth) > 0.95 - SLACK
+    mixed = lambda: rng.permuted(trial(), axis=1)
+    assert held(trial, truth) > 0.95 - SLACK
     assert held(mixed, truth) < 0.85
 
 

@@ -22,7 +22,7 @@ from dronecombat_jax.types import Cause
 def test_the_panel_is_the_final_and_every_tenth_attacker_of_the_others_and_the_pilots():
     defenders, attackers = entrants("d", 2, 12), entrants("a", 2, 12, scripted=1)
     cause = np.full((24, 25, 1), Cause.TIMEOUT, np.int8)
-    # of run 0: it beats the other's tenth and the pilot, loses to the other's final, draws else
+    # of run 0: it beats the other's tenth and the pilot, loses to the other's final, ties else
     final = 11
     cause[final, 12 + 9] = cause[final, 24] = Cause.INTERCEPT
     cause[final, 12 + 11] = Cause.REACHED

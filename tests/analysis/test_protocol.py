@@ -89,8 +89,8 @@ def test_the_figure_has_three_panels_with_what_each_shows(weaker):
     assert titles[0].startswith("By chance") and "planted" in titles[1] and "whose" in titles[2]
     lines = figure.axes[1].get_lines()
     np.testing.assert_allclose(np.asarray(lines[4].get_ydata(), float), weaker.lifted.mean(axis=0))
-    drawn = sum(
+    counted = sum(
         np.isfinite(np.asarray(line.get_ydata(), float)).sum()
         for line in figure.axes[2].get_lines()[:2]
     )
-    assert drawn == 8 * 7  # nobody's own attackers
+    assert counted == 8 * 7  # nobody's own attackers

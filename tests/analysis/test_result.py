@@ -20,7 +20,7 @@ TABLE = from_letters([["wwd", "lll", "..."], ["wld", "ddd", "www"]])
 
 def test_scores_and_rates_of_a_table_counted_by_hand():
     assert scores(TABLE).wins.tolist() == [[2, 0, 0], [1, 0, 3]]
-    assert scores(TABLE).draws.tolist() == [[1, 0, 0], [1, 3, 0]]
+    assert scores(TABLE).ties.tolist() == [[1, 0, 0], [1, 3, 0]]
     assert scores(TABLE).losses.tolist() == [[0, 3, 0], [1, 0, 0]]
     np.testing.assert_allclose(score_rate(TABLE), [[2.5 / 3, 0, np.nan], [0.5, 0.5, 1]])
     np.testing.assert_allclose(win_rate(TABLE), [[2 / 3, 0, np.nan], [1 / 3, 0, 1]])

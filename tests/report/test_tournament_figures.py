@@ -17,7 +17,7 @@ from dronecombat_jax.report.sheet import MISSING, common, mean_and_spread, name,
 from dronecombat_jax.report.tournament_report import FIGURES
 from dronecombat_jax.types import Cause
 
-QUICK = Effort(orders=2, bootstrap=10, value_draws=2)
+QUICK = Effort(orders=2, bootstrap=10, value_samples=2)
 
 
 def without(result: TournamentResult, lineage: str) -> TournamentResult:
@@ -47,7 +47,7 @@ DEGENERATE = {  # name: the result, and what must be said to be missing
         from_letters([["lll", "wld"], ["lll", "dww"]]),
         "1 of 4 ratings are open",
     ),
-    "only draws": (from_letters([["ddd", "ddd"], ["ddd", "ddd"]]), "found no optimum"),
+    "only ties": (from_letters([["ddd", "ddd"], ["ddd", "ddd"]]), "found no optimum"),
     "one fight": (from_letters([["w"]]), "2 of 2 ratings are open"),
     "missing cell": (
         from_letters([["wld", "..."], ["lwl", "dwl"]]),

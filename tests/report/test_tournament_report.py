@@ -18,7 +18,7 @@ from dronecombat_jax.report.tables import tables
 from dronecombat_jax.report.tournament_report import FIGURES, write_report
 from dronecombat_jax.types import Cause
 
-QUICK = Effort(orders=2, bootstrap=10, value_draws=2)
+QUICK = Effort(orders=2, bootstrap=10, value_samples=2)
 BAD = ["=1+1", "+x", "-x", "@x", "a\nb", '"quoted", <b>&', "ü" * 300]
 
 
@@ -45,7 +45,7 @@ def test_json_is_plain():
 
 
 def test_ratings_count_an_attackers_wins_as_the_defenders_losses():
-    """By hand: the defender beats the first attacker twice, and draws and loses against the second."""
+    """By hand: the defender beats the first attacker twice, and ties with the second and loses to it."""
     cause = np.asarray(
         [[[Cause.INTERCEPT, Cause.INTERCEPT], [Cause.TIMEOUT, Cause.REACHED]]], np.int8
     )

@@ -111,6 +111,7 @@ def test_in_a_changed_environment_the_fights_begin_anew(parent):
             (8, 4),
             "parameters/policy/weights/1: expected float32[1,2,8,4], got float32[1,2,8,8]",
         ),
+        ("learn.critic", "central", "weights/0: expected float32[1,2,37,8], got float32[1,2,35,8]"),
         ("train.num_envs", 10, "env/qpos: expected float32[1,10,14], got float32[1,8,14]"),
         ("train.num_seeds", 2, "expected float32[2,2,"),
     ],

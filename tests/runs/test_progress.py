@@ -78,14 +78,14 @@ def test_lines_are_throttled_and_the_last_is_shown():
     assert [line.split()[1] for line in lines[2:]] == ["100/1,000", "600/1,000", "1,000/1,000"]
     assert lines[3] == (
         "run: 600/1,000 60 %  100 steps/s  ETA 0:00:04; defender won 50 % crashed 10 % | "
-        "attacker won 25 % crashed 5 % | draw 25 % | chunk 1/2"
+        "attacker won 25 % crashed 5 % | tie 25 % | chunk 1/2"
     )
 
 
 def test_no_ended_episode_and_nothing_done():
     assert (
         outcome_text(ProgressUpdate(0))
-        == "defender won - crashed - | attacker won - crashed - | draw -"
+        == "defender won - crashed - | attacker won - crashed - | tie -"
     )
     stream = io.StringIO()
     with Progress("run", 10, stream=stream):

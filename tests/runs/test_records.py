@@ -185,13 +185,13 @@ def test_steps_are_counted_far_beyond_32_bits():
 def test_progress_shows_all_seeds_and_iterations_of_a_call():
     update = progress_update(CONFIG, REPORT, iterations_done=6)
     assert update.steps == 480 and update.note == "chunk 3/3"
-    assert (update.defender_wins, update.attacker_wins, update.draws) == pytest.approx(
+    assert (update.defender_wins, update.attacker_wins, update.ties) == pytest.approx(
         (0.4, 0.35, 0.25)
     )
     assert (update.defender_crashes, update.attacker_crashes) == (0.2, 0.15)
     nothing = progress_update(CONFIG, make_report(), iterations_done=5)
     assert (
         math.isnan(nothing.defender_wins)
-        and math.isnan(nothing.draws)
+        and math.isnan(nothing.ties)
         and nothing.note == "chunk 3/3"
     )

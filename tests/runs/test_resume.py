@@ -34,10 +34,17 @@ METHODS = {
     "sippo": replace(
         CONFIG, train=CHUNKS_OF_SIX, selfplay=SelfPlayConfig(probability=1.0, roles="both")
     ),
+    "mappo": replace(
+        CONFIG,
+        train=CHUNKS_OF_SIX,
+        learn=replace(CONFIG.learn, critic="central"),
+        selfplay=SelfPlayConfig(probability=0.5),
+    ),
 }
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ippo", "mappo")]
 
 
-@pytest.fixture(scope="module", params=["sippo", pytest.param("ippo", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=["sippo", *SLOW])
 def run(request, tmp_path_factory) -> SimpleNamespace:
     """Six chunks straight, one iteration a call, with checkpoints on the way."""
     config = METHODS[request.param]

@@ -238,12 +238,12 @@ def record_of(state: SelfPlay, role: int) -> tuple[list[float], list[float]]:
     return pool.wins.tolist(), pool.games.tolist()
 
 
-def test_wins_are_counted_by_the_member_met_and_draws_half(toy):
+def test_wins_are_counted_by_the_member_met_and_ties_half(toy):
     outcomes = jnp.asarray([[Outcome.DEFENDER, Outcome.ATTACKER, Outcome.DRAW, 0, 0, 0]] * 2)
     rho = jnp.full((2, 6), 0.25)
     done = jnp.asarray([[True] * 3 + [False] * 3, [True] + [False] * 5])
     state = count_wins(frozen(toy.state, ATTACKER, [0, 1, 1, 2, 3, 4]), outcomes, done, rho)
-    # The live defender won twice against member 0, and drew once against member 1.
+    # The live defender won twice against member 0, and tied once against member 1.
     assert record_of(state, ATTACKER) == ([2.0, 0.5, 0.0, 0.0, 0.0], [2.0, 2.0, 0.0, 0.0, 0.0])
     assert record_of(state, DEFENDER) == ([0.0] * 5, [0.0] * 5)
     other = count_wins(frozen(toy.state, DEFENDER, [0, 1, 1, 2, 3, 4]), outcomes, done, rho)

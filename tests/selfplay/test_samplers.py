@@ -104,10 +104,10 @@ def test_who_has_beaten_everybody_meets_the_newest():
         ("margin", [0.875, 0.5, 0.5, 0.5, 0.125]),
     ],
 )
-def test_grades_of_a_soon_and_a_late_win_a_draw_and_a_late_and_a_soon_loss(name, expected):
-    won, drawn = np.asarray([1, 1, 0, 0, 0], bool), np.asarray([0, 0, 1, 0, 0], bool)
+def test_grades_of_a_soon_and_a_late_win_a_tie_and_a_late_and_a_soon_loss(name, expected):
+    won, tied = np.asarray([1, 1, 0, 0, 0], bool), np.asarray([0, 0, 1, 0, 0], bool)
     rho = np.asarray([0.75, 0.0, 0.0, 0.0, 0.75])  # after a quarter of the time, and at its end
-    grades = GRADES[name](jnp.asarray(won), jnp.asarray(drawn), jnp.asarray(rho))
+    grades = GRADES[name](jnp.asarray(won), jnp.asarray(tied), jnp.asarray(rho))
     np.testing.assert_allclose(grades, expected)
 
 

@@ -53,12 +53,12 @@ def from_letters(rows: list[list[str]]) -> TournamentResult:
 
 
 def from_rates(
-    win: NDArray, episodes: int, seed: int, draw: NDArray | float = 0.0, **sides
+    win: NDArray, episodes: int, seed: int, tie: NDArray | float = 0.0, **sides
 ) -> TournamentResult:
-    """Draw `episodes` fights a cell with the defender's chance `win` and the chance `draw` [D, A]."""
+    """`episodes` random fights a cell with the defender's chance `win` and the chance `tie` [D, A]."""
     chance = np.random.default_rng(seed).random((*win.shape, episodes))
-    draw = np.broadcast_to(draw, win.shape)
-    lost = np.where(chance < (win + draw)[..., None], Cause.TIMEOUT, Cause.REACHED)
+    tie = np.broadcast_to(tie, win.shape)
+    lost = np.where(chance < (win + tie)[..., None], Cause.TIMEOUT, Cause.REACHED)
     return build(np.where(chance < win[..., None], Cause.INTERCEPT, lost).astype(np.int8), **sides)
 
 

@@ -133,11 +133,11 @@ def test_a_policy_of_another_game_is_rated_on_request_alone(tmp_path, even):
 
 @pytest.fixture
 def even(monkeypatch) -> None:
-    """Every fight ends in a draw, and none is flown."""
-    draws = lambda combat, side, players, opponents, rules: np.full(
+    """Every fight ends in a tie, and none is flown."""
+    tied = lambda combat, side, players, opponents, rules: np.full(
         (len(players), len(opponents), rules.episodes), 0.5
     )
-    monkeypatch.setattr(newcomers, "_fly", draws)
+    monkeypatch.setattr(newcomers, "_fly", tied)
 
 
 def test_of_a_run_the_newest_of_both_sides_and_all_seeds_is_rated(tmp_path, even):

@@ -27,7 +27,7 @@ class Look(NamedTuple):
 
     observation: NDArray  # [N, A, ...] on which the next action follows
     final: NDArray  # [N, A, ...] after the step, before any new beginning
-    told: NDArray[np.bool_]  # [N] the final observation of a fight that ended was handed out
+    shown: NDArray[np.bool_]  # [N] the final observation of a fight that ended was handed out
     reward: NDArray[np.float64]  # [N, A]
     terminated: NDArray[np.bool_]  # [N]
     truncated: NDArray[np.bool_]  # [N]
@@ -58,7 +58,7 @@ class Driver(ABC):
     number: int  # N
     spaces: list[tuple[Any, Any]]  # of each agent: observations, actions
     time_limit: int | None = None
-    reseeds: bool = True  # `reset(None)` goes on drawing
+    reseeds: bool = True  # `reset(None)` gives the next fights
 
     def __init__(self, env: Any):
         self.env = env

@@ -1,0 +1,155 @@
+"""What a training has come to, as figures: how its fights end, from when on both sides fight, and how
+both final policies fare from rest against every scripted pilot of today.
+
+Used by `experiments/variants.py`; the figures of a run are kept in its measured.json. Bars: those of
+docs/learnability.md.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from dronecombat_jax.errors import UserError
+from dronecombat_jax.files import metrics
+
+DEFENDERS = ("hover", "pure_pursuit", "hover_guard", "proportional_navigation")
+ATTACKERS = ("dash", "weave", "high_dive")
+FIGHTS = 256  # against each pilot
+WINDOW = 1_000_000  # steps over which the bars must hold
+NAMES = {
+    "intercepted": "outcome/intercept",
+    "reached": "outcome/reached",
+    "timeout": "outcome/timeout",
+    "defender down": "crash/defender",
+    "attacker down": "crash/attacker",
+}
+
+
+def is_whole(run: Path, steps: int) -> bool:
+    """Whether the run has all of its steps, as its metrics say; its measures may be missing."""
+    records = _records(run)
+    return bool(records) and records[-1]["steps"] >= steps
+
+
+def of(run: Path, steps: int) -> dict[str, Any] | None:
+    """The measures of a run; None where it is not whole. Flies the fights where they are not known."""
+    if not is_whole(run, steps):
+        return None
+    file = run / "measured.json"
+    if file.exists():
+        return json.loads(file.read_text())
+    records = _records(run)
+    late = [record for record in records if record["steps"] > 0.9 * records[-1]["steps"]]
+    shares = {name: mean(late, key) for name, key in NAMES.items()}
+    numbers = {
+        "steps": records[-1]["steps"],
+        "shares": shares,
+        "fights": fights(shares),
+        "fights_from": fights_from(records),
+        "against": against(run),
+    }
+    file.write_text(json.dumps(numbers, indent=1) + "\n")
+    return numbers
+
+
+def fights(shares: dict[str, float]) -> bool:
+    """Whether both sides fight: all bars hold."""
+    return (
+        shares["intercepted"] >= 0.1
+        and shares["reached"] >= 0.1
+        and shares["intercepted"] + shares["reached"] >= 0.75
+        and shares["defender down"] < 0.2
+        and shares["attacker down"] < 0.2
+    )
+
+
+def fights_from(records: Sequence[dict[str, Any]]) -> int | None:
+    """Environment steps at the end of the first window of `WINDOW` steps in which all bars hold; None:
+    never.
+    """
+    windows: dict[int, list[dict[str, Any]]] = {}
+    for record in records:
+        windows.setdefault((record["steps"] - 1) // WINDOW, []).append(record)
+    for window in sorted(windows):
+        shares = {name: mean(windows[window], key) for name, key in NAMES.items()}
+        if fights(shares):
+            return (window + 1) * WINDOW
+    return None
+
+
+def against(run: Path) -> dict[str, float]:
+    """Share of `FIGHTS` fights from rest, mean actions, that the final policies win against each
+    scripted pilot: the attacker past defenders, the defender over attackers.
+    """
+    from dronecombat_jax.machine import backend
+
+    backend.prepare("cpu")
+    from dronecombat_jax.combat.rules import outcome_table
+    from dronecombat_jax.runs.evaluation import Match, load_run, play
+    from dronecombat_jax.types import Outcome
+
+    saved = load_run(run)
+    winner = np.asarray(outcome_table(saved.config.game))
+
+    def won(side: Outcome, match: Match) -> float:
+        return float(np.mean(winner[play(saved, 0, match).cause] == side))
+
+    past = {name: won(Outcome.ATTACKER, Match(FIGHTS, defender=name)) for name in DEFENDERS}
+    return past | {name: won(Outcome.DEFENDER, Match(FIGHTS, attacker=name)) for name in ATTACKERS}
+
+
+def markdown(rows: Sequence[tuple[str, str, list[dict[str, Any]]]]) -> str:
+    """A Markdown table; each row a variant's name, what it is, and the measures of its seeds."""
+    pilots = [f"stops `{name}`" for name in ATTACKERS] + [f"past `{name}`" for name in DEFENDERS]
+    head = ["variant", "seeds that fight", "from, M steps: median (most)", *NAMES, *pilots]
+    lines = [_line(head), _line(["---"] * len(head))]
+    for name, about, runs in rows:
+        cells = [f"`{name}`" + (f": {about}" if about else "")]
+        if runs:
+            cells += [f"{sum(run['fights'] for run in runs)} of {len(runs)}", _from(runs)]
+            cells += [_spread([run["shares"][share] for run in runs]) for share in NAMES]
+            cells += [
+                _spread([run["against"][opponent] for run in runs])
+                for opponent in (*ATTACKERS, *DEFENDERS)
+            ]
+        else:
+            cells += ["not run"] + [""] * (len(head) - 2)
+        lines.append(_line(cells))
+    note = "Mean over seeds, ± its 95 % interval by Student's t; in brackets the worst seed and the best."
+    return "\n".join([*lines, "", note])
+
+
+def mean(records: Sequence[dict[str, Any]], key: str) -> float:
+    """Mean of `key` over the fights that ended in `records`; NaN where none did."""
+    known = [(record[key], record["episodes"]) for record in records if record[key] is not None]
+    total = sum(weight for _, weight in known)
+    return sum(value * weight for value, weight in known) / total if total else math.nan
+
+
+def _from(runs: Sequence[dict[str, Any]]) -> str:
+    steps = [math.inf if run["fights_from"] is None else run["fights_from"] / 1e6 for run in runs]
+    shown = lambda value: "never" if math.isinf(value) else f"{value:.0f}"
+    return f"{shown(float(np.median(steps)))} ({shown(max(steps))})"
+
+
+def _spread(values: Sequence[float]) -> str:
+    if len(values) == 1:
+        return f"{values[0]:.2f}"
+    half = stats.sem(values) * stats.t.ppf(0.975, len(values) - 1)
+    return f"{np.mean(values):.2f} ± {half:.2f} ({min(values):.2f} to {max(values):.2f})"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _records(run: Path) -> list[dict[str, Any]]:
+    try:
+        return metrics.read(run / "metrics.jsonl")
+    except (UserError, OSError):
+        return []

@@ -1,0 +1,193 @@
+"""A study: variants of the settings, some seeds each, one table.
+
+    python experiments/variants.py experiments/studies/readings.toml [--lanes 2] [--only NAME ...]
+    python experiments/variants.py experiments/studies/readings.toml --table
+
+A study file names a `preset`, `steps`, `seeds` and its `[variants.NAME]`; a variant's keys are
+`about`, its own `preset`, `steps` or `seeds`, and settings by dotted key in quotes. Each variant and
+seed is one `dronecombat train` on a core of its own, seeds first, so that every variant has one
+before any has two. Runs go on where they stopped; what is whole is not trained again. The table is
+written to runs/STUDY/table.md, the figures behind it to measured.json beside each run
+(`experiments/measured.py`).
+"""
+
+import argparse
+import os
+import queue
+import subprocess
+import sys
+import threading
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import measured
+
+STOPPED = 75
+OWN_KEYS = ("about", "preset", "steps", "seeds")
+
+
+class Variant(NamedTuple):
+    """One row of the table."""
+
+    name: str
+    about: str
+    preset: str
+    steps: int
+    seeds: tuple[int, ...]
+    settings: dict[str, Any]  # by dotted key
+
+    def folder(self, root: Path, seed: int) -> Path:
+        """Of the run of one seed."""
+        return root / f"{self.name}-{seed}"
+
+
+class Study(NamedTuple):
+    """What a study file says."""
+
+    name: str
+    about: str
+    variants: tuple[Variant, ...]
+
+
+def read_study(path: Path) -> Study:
+    """Read a study file. SystemExit, one line, for a key that is missing or unknown."""
+    with path.open("rb") as file:
+        text = tomllib.load(file)
+    if unknown := set(text) - {*OWN_KEYS, "variants"}:
+        raise SystemExit(
+            f"{path}: {min(unknown)}: no key of a study ({', '.join(OWN_KEYS)}, variants)"
+        )
+    variants = []
+    for name, keys in text.get("variants", {}).items():
+        keys = {**{key: text[key] for key in ("preset", "steps", "seeds") if key in text}, **keys}
+        if lacking := {"preset", "steps", "seeds"} - set(keys):
+            raise SystemExit(f"{path}: {min(lacking)} is missing, for variant {name}")
+        settings = {key: value for key, value in keys.items() if key not in OWN_KEYS}
+        about, seeds = keys.get("about", ""), tuple(keys["seeds"])
+        variants.append(Variant(name, about, keys["preset"], keys["steps"], seeds, settings))
+    return Study(path.stem, text.get("about", ""), tuple(variants))
+
+
+def command(variant: Variant, seed: int, root: Path) -> list[str]:
+    """The training of one seed, as a command."""
+    words = [sys.executable, "-m", "dronecombat_jax", "train", "--preset", variant.preset]
+    words += ["--seed", str(seed), "--steps", str(variant.steps)]
+    words += ["--name", variant.folder(root, seed).name, "--run.directory", str(root)]
+    words += ["--run.no-video", "--run.no-replay", "--run.no-figures"]
+    for key, value in variant.settings.items():
+        words += _spelled(key, value)
+    return words
+
+
+def _spelled(key: str, value: Any) -> list[str]:
+    room, _, name = key.replace("_", "-").rpartition(".")
+    if isinstance(value, bool):
+        return [f"--{room}.{'' if value else 'no-'}{name}"]
+    flag = f"--{room}.{name}"
+    return [flag, *map(str, value)] if isinstance(value, list) else [f"{flag}={value}"]
+
+
+def train_all(jobs: Sequence[tuple[Variant, int]], root: Path, lanes: int) -> list[str]:
+    """Train every job, `lanes` at a time, each on a core of its own; returns what failed."""
+    waiting: queue.SimpleQueue[tuple[Variant, int]] = queue.SimpleQueue()
+    for job in jobs:
+        waiting.put(job)
+    cores = sorted(os.sched_getaffinity(0))
+    failed: list[str] = []
+
+    def lane(core: int) -> None:
+        while not waiting.empty():
+            try:
+                variant, seed = waiting.get_nowait()
+            except queue.Empty:
+                return
+            if code := _train(variant, seed, root, core):
+                failed.append(f"{variant.name}, seed {seed}: exit code {code}")
+                if code == STOPPED:
+                    return
+
+    threads = [threading.Thread(target=lane, args=(cores[i % len(cores)],)) for i in range(lanes)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return failed
+
+
+def _train(variant: Variant, seed: int, root: Path, core: int) -> int:
+    log = root / f"{variant.name}-{seed}.log"
+    with log.open("a") as output:
+        code = subprocess.call(
+            command(variant, seed, root),
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            preexec_fn=lambda: os.sched_setaffinity(0, {core}),
+        )
+    print(
+        f"{variant.name}, seed {seed}: {'trained' if code == 0 else f'exit code {code}, see {log}'}",
+        flush=True,
+    )
+    return code
+
+
+def table(study: Study, root: Path) -> str:
+    """The study's table, Markdown: a row for each variant with what its seeds have come to."""
+    rows = []
+    for variant in study.variants:
+        runs = [measured.of(variant.folder(root, seed), variant.steps) for seed in variant.seeds]
+        rows.append((variant.name, variant.about, [run for run in runs if run is not None]))
+    return measured.markdown(rows)
+
+
+def main() -> int:
+    """Read the flags, train what is missing, print the table; 1 where a training failed."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("study", type=Path, help="a study file")
+    parser.add_argument(
+        "--lanes",
+        type=int,
+        default=len(os.sched_getaffinity(0)),
+        help="trainings at a time (default: one a core)",
+    )
+    parser.add_argument(
+        "--only", nargs="+", default=(), metavar="NAME", help="these variants alone"
+    )
+    parser.add_argument(
+        "--runs", type=Path, default=Path("runs"), help="folder that holds all studies"
+    )
+    parser.add_argument("--table", action="store_true", help="train nothing, print what there is")
+    flags = parser.parse_args()
+    study = read_study(flags.study)
+    names = [variant.name for variant in study.variants]
+    for name in flags.only:
+        if name not in names:
+            parser.error(f"--only {name}: no such variant in {flags.study} ({', '.join(names)})")
+    root = flags.runs / study.name
+    root.mkdir(parents=True, exist_ok=True)
+    chosen = [variant for variant in study.variants if not flags.only or variant.name in flags.only]
+    most = max(len(variant.seeds) for variant in chosen)
+    jobs = [
+        (variant, variant.seeds[turn])
+        for turn in range(most)
+        for variant in chosen
+        if turn < len(variant.seeds)
+        and not measured.is_whole(variant.folder(root, variant.seeds[turn]), variant.steps)
+    ]
+    failed = [] if flags.table else train_all(jobs, root, flags.lanes)
+    text = table(study._replace(variants=tuple(chosen)), root)
+    if not flags.only:
+        (root / "table.md").write_text(text + "\n")
+    print(text)
+    for line in failed:
+        print(line, file=sys.stderr)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,114 @@
+"""Studies: what a study file says, which trainings follow from it, and the table they end in."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dronecombat_jax.config import settings
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "experiments"))
+
+import measured  # noqa: E402
+import variants  # noqa: E402
+
+STUDY = """
+preset = "smoke"
+steps = 9_000
+seeds = [3, 4]
+[variants.plain]
+about = "as it is"
+[variants.other]
+preset = "duel"
+seeds = [5]
+"game.swept_events" = false
+"learn.hidden_sizes" = [8, 16]
+"selfplay.opponents" = "attacker=past 0.3"
+"""
+
+
+def record(steps: int, intercept=0.5, reached=0.4, down=0.1, episodes=100) -> dict:
+    return {
+        "steps": steps, "episodes": episodes, "outcome/intercept": intercept,
+        "outcome/reached": reached, "outcome/timeout": 1.0 - intercept - reached,
+        "crash/defender": down, "crash/attacker": 0.0,
+    }  # fmt: skip
+
+
+def test_a_study_and_its_commands(tmp_path):
+    (tmp_path / "mine.toml").write_text(STUDY)
+    study = variants.read_study(tmp_path / "mine.toml")
+    plain, other = study.variants
+    assert (study.name, plain.about, plain.seeds, plain.steps) == ("mine", "as it is", (3, 4), 9000)
+    assert (other.preset, other.seeds) == ("duel", (5,))
+    words = variants.command(other, 5, tmp_path)
+    assert words[words.index("--name") + 1] == "other-5"
+    assert words[-5:] == [
+        "--game.no-swept-events",
+        *("--learn.hidden-sizes", "8", "16"),
+        "--selfplay.opponents=attacker=past 0.3",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('presets = "duel"', "mine.toml: presets: no key of a study"),
+        ('preset = "duel"\nsteps = 9\n[variants.a]', "mine.toml: seeds is missing, for variant a"),
+    ],
+)
+def test_mistakes(tmp_path, text, message):
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(SystemExit, match=message):
+        variants.read_study(tmp_path / "mine.toml")
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "experiments" / "studies").glob("*.toml")), ids=lambda path: path.stem
+)
+def test_studies_of_the_project_name_settings_that_exist(path):
+    study = variants.read_study(path)
+    assert study.variants
+    for variant in study.variants:
+        settings.load(variant.preset, {**variant.settings, "train.total_steps": variant.steps})
+
+
+def test_a_fight_begins_with_the_first_window_in_which_all_bars_hold():
+    million = measured.WINDOW
+    records = [record(million // 2, down=0.5), record(million), record(2 * million, reached=0.0)]
+    assert measured.fights_from(records) is None  # the first window: down in 0.3
+    assert measured.fights_from([*records, record(5 * million // 2), record(3 * million)]) == 3e6
+
+
+def test_the_table_tells_worst_and_best_seed():
+    def run(share: float, start: int | None) -> dict:
+        return {
+            "shares": dict.fromkeys(measured.NAMES, share), "fights": start is not None,
+            "fights_from": start, "against": dict.fromkeys((*measured.DEFENDERS, *measured.ATTACKERS), share),
+        }  # fmt: skip
+
+    text = measured.markdown([("a", "", [run(0.2, 4_000_000), run(0.4, None)]), ("b", "", [])])
+    row = text.splitlines()[2]
+    assert "| 1 of 2 | never (never) | 0.30 ± 1.27 (0.20 to 0.40) |" in row
+    assert "| `b` | not run |" in text
+
+
+@pytest.mark.slow
+def test_a_whole_study_goes_on_where_it_stopped(tmp_path):
+    study = STUDY.replace('preset = "duel"', "").replace("seeds = [5]", "")
+    (tmp_path / "mine.toml").write_text(study.replace("[3, 4]", "[3]"))
+    words = [sys.executable, str(ROOT / "experiments" / "variants.py"), str(tmp_path / "mine.toml")]
+    run = lambda *flags: subprocess.run(
+        [*words, "--runs", str(tmp_path / "runs"), *flags], capture_output=True, text=True
+    )
+    assert "not run" in run("--table").stdout
+    done = run("--lanes", "1")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("trained") == 2 and "not run" not in done.stdout
+    found = json.loads((tmp_path / "runs" / "mine" / "plain-3" / "measured.json").read_text())
+    assert found["steps"] >= 9000 and 0.0 <= found["against"]["dash"] <= 1.0
+    again = run()
+    assert "trained" not in again.stdout and again.stdout.strip().startswith("| variant")

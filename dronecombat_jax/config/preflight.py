@@ -160,7 +160,7 @@ def _air_and_sensors(config: Config) -> Iterator[Problem]:
 
 
 def _nothing_to_vary(config: Config) -> Iterator[Problem]:
-    """What is drawn, or differs from the nominal drone, must be there."""
+    """A setting that varies a number needs a simulation in which that number has an effect."""
     sim = config.sim
     ideal = sim.actuation == "wrench"
     absent = {"lag": ideal, "drag": not sim.drag, "battery": not sim.battery}

@@ -75,8 +75,8 @@ def from_toml(text: str, source: str) -> Config:
 
 
 def checked(config: Config) -> Config:
-    """The same configuration, made by a program: checked as one that was written, and whether this
-    machine can train it. UserError.
+    """Check a configuration that a program made as `load` checks a written one, and whether this
+    machine can train it; returns it. UserError.
     """
     given = {key: Given(value, flag(key)) for key, value in flatten(config).items()}
     return _checked(given, [], check_machine=True)

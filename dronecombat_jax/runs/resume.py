@@ -245,8 +245,8 @@ def _members(run: RunDirectory, start: Start, roster: Roster) -> list[Arrays]:
 
 
 def _refuse_lost(run: RunDirectory) -> None:
-    """Refuse to begin anew where a run has been: its metrics and what is left of its checkpoints
-    would be lost.
+    """Raise UserError where a run has been in this folder: a new one would destroy its metrics and
+    what is left of its checkpoints.
     """
     aside = sorted(path.name for path in run.checkpoints.glob("damaged-*"))
     unusable = [str(step) for step in checkpoint.steps(run.checkpoints)]

@@ -112,7 +112,9 @@ def build_craft_step(sim: SimConfig, scene: Scene) -> CraftStep:
 
 
 def _driving(sim: SimConfig, scene: Scene) -> Drive:
-    """What the actuation gives in a substep, drawn thrust included; rotors move on first."""
+    """Thrust and moment of the actuation in a substep, with the fight's own thrust factor; the
+    rotors move first.
+    """
     command = ACTUATIONS[sim.actuation]
 
     def factor(craft: Craft) -> jax.Array | float:
@@ -220,7 +222,7 @@ def _other(config: Config) -> bool:
 
 
 def _factors(config: Config, name: str) -> jax.Array:
-    """[A] of one number, over the nominal one."""
+    """Each drone's factor [A] of one number: its own value over the nominal one."""
     by_side = getattr(config.defender, name), getattr(config.attacker, name)
     return jnp.asarray([by_side[side] for side in config.game.sides])
 

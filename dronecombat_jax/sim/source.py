@@ -96,7 +96,7 @@ def read_written(sim: SimConfig, path: Path | None = None) -> Written:
 
 @contextmanager
 def naming_the_setting(sim: SimConfig) -> Generator[None]:
-    """What is wrong with a file of the user's is wrong with the setting that names it."""
+    """Turn an error in a user's file into an error of the setting that names the file."""
     try:
         yield
     except UserError as error:
@@ -122,7 +122,9 @@ def require_names(path: Path, spec: mujoco.MjSpec) -> None:
 
 
 def apply_game(sim: SimConfig, spec: mujoco.MjSpec) -> None:
-    """What the game says whatever a file does: step, integrator, axes as written, no contacts."""
+    """Set what the game decides, whatever the file says: step, integrator, axes as written, no
+    contacts.
+    """
     option = spec.option
     option.timestep, option.integrator = sim.timestep, mujoco.mjtIntegrator.mjINT_IMPLICIT
     spec.compiler.alignfree = False

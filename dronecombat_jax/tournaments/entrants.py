@@ -34,7 +34,7 @@ class Seat(NamedTuple):
 
 
 class Field(NamedTuple):
-    """Everybody, by role."""
+    """All players of a tournament, by role."""
 
     config: Config  # of the game that is played
     seats: tuple[list[Seat], list[Seat]]
@@ -87,7 +87,7 @@ def read_field(
 
 
 def _game(sources: list[Found], mjcf: str) -> Config:
-    """The game of the first whose scene is at hand, else of the first.
+    """The game of the first player whose scene file is here, else of the first player.
 
     A policy file of an own drone says what its MJCF says, not where it is: a run does.
     """
@@ -170,7 +170,7 @@ def _refuse_two_of_a_name(contenders: list[Contender]) -> None:
 
 
 def _saved_again(role: int, side: list[Seat]) -> list[str]:
-    """What is to be said of players of the same content."""
+    """Lines for the user about players of the same content."""
     lines = [
         f"{SIDES[role]} {seat.entrant.label} is also {_named(seat.also)}"
         for seat in side

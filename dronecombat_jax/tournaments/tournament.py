@@ -202,7 +202,7 @@ def _about(
 
 
 def _part(result: TournamentResult, asked: NDArray) -> list[str]:
-    """What is to be said where not all cells were to be flown."""
+    """A line that says how many cells were left out on purpose; none where all are flown."""
     left = int((~result.played & ~asked).sum())
     return (
         [f"{left:,} of {asked.size:,} cells were left out on purpose: no comparison needs them"]
@@ -219,7 +219,7 @@ def _conclude(folder: Path, result: TournamentResult, asked: NDArray) -> None:
 
 
 def _lasting(word: str) -> str:
-    """The same word, which a report finds from any folder."""
+    """The word with its whole path, so that a report finds it from any folder."""
     return str(Path(word).resolve()) if Path(word).exists() else word
 
 

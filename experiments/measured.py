@@ -46,15 +46,15 @@ def of(run: Path, steps: int) -> dict[str, Any] | None:
     records = _records(run)
     late = [record for record in records if record["steps"] > 0.9 * records[-1]["steps"]]
     shares = {name: mean(late, key) for name, key in NAMES.items()}
-    found = {
+    numbers = {
         "steps": records[-1]["steps"],
         "shares": shares,
         "fights": fights(shares),
         "fights_from": fights_from(records),
         "against": against(run),
     }
-    file.write_text(json.dumps(found, indent=1) + "\n")
-    return found
+    file.write_text(json.dumps(numbers, indent=1) + "\n")
+    return numbers
 
 
 def fights(shares: dict[str, float]) -> bool:
@@ -114,7 +114,8 @@ def markdown(rows: Sequence[tuple[str, str, list[dict[str, Any]]]]) -> str:
             cells += [f"{sum(run['fights'] for run in runs)} of {len(runs)}", _from(runs)]
             cells += [_spread([run["shares"][share] for run in runs]) for share in NAMES]
             cells += [
-                _spread([run["against"][one] for run in runs]) for one in (*ATTACKERS, *DEFENDERS)
+                _spread([run["against"][opponent] for run in runs])
+                for opponent in (*ATTACKERS, *DEFENDERS)
             ]
         else:
             cells += ["not run"] + [""] * (len(head) - 2)

@@ -22,6 +22,7 @@ from dronecombat_jax.adapters.one_side import WINS, begin, refuse_wrong_number, 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.combat.scripted import Pilot
+from dronecombat_jax.config.sides import require_duel
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import (
     ACTION_SIZE,
@@ -38,7 +39,7 @@ class CombatEnv(Env):
 
     `done` is 1 at every end; `info["time_out"]` is 1 where time ran out on an undecided fight, as
     brax's `bootstrap_on_timeout` reads it. `info["final_observation"]` [35] is the observation
-    after the step, before any reset. `metrics` `win`, `draw` and `loss` are 1 at the step that ends
+    after the step, before any reset. `metrics` `win`, `draw` (a tie) and `loss` are 1 at the step that ends
     a fight so. `info["key"]` is there because brax's `step` is given no key.
     """
 
@@ -51,6 +52,7 @@ class CombatEnv(Env):
 
         Raises UserError for a role that is none, and for an opponent too many or too few.
         """
+        require_duel(combat.config.game.sides, "this view of the fights")
         role = role_of(role)
         refuse_wrong_number(combat, role, int(opponent is not None))
         self.combat, self.role, self._opponent = combat, role, opponent
@@ -80,7 +82,7 @@ class CombatEnv(Env):
         return time_limit(self.combat)
 
     def reset(self, rng: jax.Array) -> State:
-        """A fight about to start, drawn from `rng`: a key, new style or old."""
+        """A fight about to start, at random by `rng`: a key, new style or old."""
         start, key = jax.random.split(_typed(rng))
         fight = self.begin(start)
         observation = self.observe(fight)
@@ -123,7 +125,7 @@ class CombatEnv(Env):
         )
 
     def begin(self, key: jax.Array) -> EnvState:
-        """A fight about to start, drawn from `key`."""
+        """A fight about to start, at random by `key`."""
         return begin(self.combat, key, self._exploring)
 
     def observe(self, fight: EnvState) -> jax.Array:
@@ -155,7 +157,7 @@ class CombatEnv(Env):
 
 
 class FreshStarts(Wrapper):
-    """Fights side by side, each end followed by a start newly drawn; time-outs are truncations.
+    """Fights side by side, each end followed by a new random start; time-outs are truncations.
 
     `game.random_clock` has no effect: brax evaluates through this wrapper, too, and wants whole
     fights.

@@ -29,6 +29,7 @@ from dronecombat_jax.adapters.frames import RENDER_MODES, Frames, require_mode
 from dronecombat_jax.adapters.one_side import scores, seed_words, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import require_duel
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import ACTION_SIZE, NUM_SIDES, SIDES, Cause, EnvState
 
@@ -45,6 +46,7 @@ class CombatParallelEnv(ParallelEnv):
 
     def __init__(self, combat: Combat, render_mode: str | None = None):
         """`render_mode`: rgb_array (uint8 [540, 960, 3]), ansi (a line), human (prints it) or None."""
+        require_duel(combat.config.game.sides, "this view of the fights")
         self.combat, self.render_mode = combat, require_mode(render_mode)
         self.metadata = {
             "name": "dronecombat_jax",
@@ -99,8 +101,8 @@ class CombatParallelEnv(ParallelEnv):
         of the last seed. No options are known.
         """
         if seed is not None or self._words is None:
-            drawn = int(np.random.default_rng().integers(2**63)) if seed is None else seed
-            self._words, self._episode = seed_words(drawn), 0
+            number = int(np.random.default_rng().integers(2**63)) if seed is None else seed
+            self._words, self._episode = seed_words(number), 0
         self._fight, observation = self._begin(self._words, np.uint32(self._episode))
         self._episode += 1
         self.agents = list(self.possible_agents)
@@ -142,7 +144,7 @@ class CombatParallelEnv(ParallelEnv):
         return self._frames.show(self.render_mode, self.fight)
 
     def close(self) -> None:
-        """Give the drawing's resources back."""
+        """Give the pictures' resources back."""
         self._frames.close()
 
     def _pair(self, actions: Mapping[str, Any]) -> NDArray[np.float32]:

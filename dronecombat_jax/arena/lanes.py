@@ -35,7 +35,7 @@ from dronecombat_jax.types import (
     Policy,
 )
 
-STARTS, NOISE = 0, 1  # what the tournament's seed is drawn on for
+STARTS, NOISE = 0, 1  # what the tournament's seed is used for
 
 
 class Layout(NamedTuple):
@@ -143,7 +143,7 @@ def fight_key(seed: jax.Array, words: jax.Array, episode: jax.Array) -> jax.Arra
     """The key of one stochastic fight: of the seed, `words` [4] of both players, and the episode,
     and of nothing else.
 
-    As the key of `match.fight` for this fight alone it gives the same draws.
+    As the key of `match.fight` for this fight alone it gives the same random numbers.
     """
     key = jax.random.fold_in(jax.random.key(seed), NOISE)
     for number in (*words, episode):
@@ -187,7 +187,7 @@ def _pilot(combat: Combat, kind: Kind, side: Side, drone: Drone, keys: jax.Array
 
 
 def _seeing(combat: Combat, observation: str, pilot: Pilot) -> Pilot:
-    """The same pilot, shown the layout `observation` in place of the game's own ("": that one)."""
+    """The pilot, shown the layout `observation` in place of the game's own; "": the game's own."""
     if not observation:
         return pilot
     layout = layout_of(observation, combat.config.game)
@@ -202,7 +202,7 @@ def _seeing(combat: Combat, observation: str, pilot: Pilot) -> Pilot:
 def _policies(
     kind: Kind, policies: Policy, side: Side, drone: Drone, keys: jax.Array | None
 ) -> Pilot:
-    """Every lane's policy, flown block by block; drawn with `keys` [L]."""
+    """Every lane's policy, flown block by block; `keys` [L] make the random actions."""
     learn = LearnConfig(normalize_observations=kind.normalize)
 
     def act(state: EnvState, observation: jax.Array, _: jax.Array) -> jax.Array:
@@ -219,8 +219,8 @@ def _policies(
 
 
 def _noise(drone: Drone, key: jax.Array, clock: jax.Array) -> jax.Array:
-    """What `match.fight` of one fight alone draws for the policy of `drone` in the step after
-    `clock`: [4].
+    """The random numbers [4] of `match.fight` of one fight alone for the policy of `drone` in the
+    step after `clock`.
     """
     key = jax.random.split(jax.random.fold_in(key, clock), NUM_SIDES)[drone.role]
     return jax.random.normal(mate_key(key, drone.number), (1, ACTION_SIZE))[0]

@@ -30,7 +30,8 @@ Team = Pilot | Sequence[Pilot]  # of one side, a pilot for each of its drones
 
 
 def policy_pilot(learn: LearnConfig, policy: Policy, drone: int, stochastic: bool = False) -> Pilot:
-    """Fly `policy` as `drone`, which in a duel is the role: its mean action, or a draw from it.
+    """Fly `policy` as `drone`, which in a duel is the role: its mean action or, `stochastic`, a
+    random action.
 
     Its log-std is taken as it is: `policies.file.as_flown` puts it into its bounds.
     """
@@ -68,7 +69,7 @@ def scripted_team(combat: Combat, name: str, role: int) -> Sequence[Pilot]:
 
 def start_fights(combat: Combat, key: jax.Array, num_fights: int) -> EnvState:
     """The start states [E, ...] of a match; the same key gives the same fights to every pair."""
-    return jax.vmap(combat.spawn)(combat.draw(key, (num_fights,)))
+    return jax.vmap(combat.spawn)(combat.start_numbers(key, (num_fights,)))
 
 
 def fight(

@@ -20,7 +20,7 @@ from dronecombat_jax.machine import jax_variables
 from dronecombat_jax.sim.craft import (
     CraftStep,
     build_craft_step,
-    num_draws,
+    num_random,
     spawn_craft,
 )
 from dronecombat_jax.sim.flight import Step, build_step, split
@@ -53,8 +53,8 @@ class Combat:
         return self.game.absent(self.sides)
 
     @property
-    def _position_draws(self) -> int:
-        """Of every drone and of the target."""
+    def _position_numbers(self) -> int:
+        """How many numbers the positions of all drones and of the target take."""
         return 3 * (len(self.sides) + 1)
 
     @cached_property
@@ -72,29 +72,33 @@ class Combat:
         with jax.ensure_compile_time_eval():
             return build_craft_step(self.config.sim, self.scene)
 
-    def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    def start_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """Uniform numbers `[*shape, 9]` in [0, 1), enough to `spawn` that many fights.
 
-        More where something of the drones is drawn, too (`sim.craft.num_draws`); the positions are
+        More where the drones' numbers are random, too (`sim.craft.num_random`); the positions are
         the same with and without.
         """
-        return self._drawn(key, shape, self._position_draws)
+        return self._numbers(key, shape, self._position_numbers)
 
-    def draw_exploring(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+        """`start_numbers` by its name in version 0.1.0."""
+        return self.start_numbers(key, shape)
+
+    def exploring_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """The same for `explore`: 4 more at the end, where exploring starts are on."""
         moving = self.config.train.start_speed > 0.0
-        return self._drawn(key, shape, self._position_draws + moving * 2 * len(self.sides))
+        return self._numbers(key, shape, self._position_numbers + moving * 2 * len(self.sides))
 
-    def spawn(self, draws: jax.Array) -> EnvState:
-        """A fight about to start, from `draws` of `draw`.
+    def spawn(self, numbers: jax.Array) -> EnvState:
+        """A fight about to start, from the `numbers` [K] that `start_numbers` gives for it.
 
         In `solo` the attacker flies alone; the defender stands still at its start and takes no
         part.
         """
-        craft = spawn_craft(self.config, self.scene, draws[self._position_draws :])
+        craft = spawn_craft(self.config, self.scene, numbers[self._position_numbers :])
         if craft is not None:
-            draws = draws[: self._position_draws]
-        positions = start_positions(self.config.game, draws.reshape(-1, 3))
+            numbers = numbers[: self._position_numbers]
+        positions = start_positions(self.config.game, numbers.reshape(-1, 3))
         level = jnp.asarray([1.0, 0.0, 0.0, 0.0])
         drones = len(self.sides)
         pose = jnp.concatenate([positions[:drones], jnp.broadcast_to(level, (drones, 4))], axis=-1)
@@ -109,38 +113,40 @@ class Combat:
         )
         return first_memory(self.config.sensor, state)
 
-    def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
-        """A fight about to start in training, from `draws` of `draw_exploring`; `alone` [] bool:
-        the defender is absent.
+    def explore(self, numbers: jax.Array, alone: jax.Array) -> EnvState:
+        """A fight about to start in training, from the `numbers` of `exploring_numbers`; `alone` []
+        bool: the defender is absent.
 
         Up to `train.start_speed` m/s along x and along y, each drone already moves: exploring
         starts (Sutton and Barto, section 5.3). The fights that count, in evaluations and
         tournaments, `spawn` at rest.
         """
-        spawning = self._position_draws + num_draws(self.config)
-        state = self.spawn(draws[:spawning])
+        spawning = self._position_numbers + num_random(self.config)
+        state = self.spawn(numbers[:spawning])
         defends = jnp.asarray([side == DEFENDER for side in self.sides])
         state = state.replace(down=state.down | (alone & defends))
         if self.config.train.start_speed == 0.0:
             return state
-        over_ground = self.config.train.start_speed * (2.0 * draws[spawning:].reshape(-1, 2) - 1.0)
+        over_ground = self.config.train.start_speed * (
+            2.0 * numbers[spawning:].reshape(-1, 2) - 1.0
+        )
         over_ground = jnp.where(state.down[:, None], 0.0, over_ground)
         state = state.replace(qvel=state.qvel.reshape(-1, 6).at[:, :2].set(over_ground).reshape(-1))
         return first_memory(self.config.sensor, state)
 
     def reset(self, key: jax.Array) -> EnvState:
-        """A fight about to start, drawn from `key`."""
-        return self.spawn(self.draw(key, ()))
+        """A fight about to start, at random by `key`."""
+        return self.spawn(self.start_numbers(key, ()))
 
-    def _drawn(self, key: jax.Array, shape: tuple[int, ...], count: int) -> jax.Array:
+    def _numbers(self, key: jax.Array, shape: tuple[int, ...], count: int) -> jax.Array:
         """Uniform numbers `[*shape, count]`, with those of the drones after the positions."""
-        draws = jax.random.uniform(key, (*shape, count))
-        if more := num_draws(self.config):
+        numbers = jax.random.uniform(key, (*shape, count))
+        if more := num_random(self.config):
             others = jax.random.uniform(jax.random.fold_in(key, 1), (*shape, more))
-            first = self._position_draws
-            parts = draws[..., :first], others, draws[..., first:]
-            draws = jnp.concatenate(parts, axis=-1)
-        return draws
+            first = self._position_numbers
+            parts = numbers[..., :first], others, numbers[..., first:]
+            numbers = jnp.concatenate(parts, axis=-1)
+        return numbers
 
     def observe(self, state: EnvState) -> jax.Array:
         """Observation [A, 35] of the state (eq. 5), as the sensors give it."""
@@ -215,5 +221,7 @@ def _sane(values: jax.Array) -> jax.Array:
 
 
 def _tame(qpos: jax.Array) -> jax.Array:
-    """The same where it is sane, 0 elsewhere; only a state that was broken from outside is changed."""
+    """The values where they are sane, 0 elsewhere; this changes only a state that was broken from
+    outside.
+    """
     return jnp.where(jnp.abs(qpos) < MAX_COORDINATE, qpos, 0.0)

@@ -117,7 +117,7 @@ EGO_FIELDS = tuple(
 
 
 def hiding(fields: Fields, observe: Observe, whom: NDArray[np.int32]) -> Observation:
-    """The observation `observe` that can hide: the numbers of a drone that is not seen are 0.
+    """The observation `observe` in which the numbers of a drone that is not seen are 0.
 
     A quaternion or a gravity of 0 is no drone's, so that this tells who is hidden. `whom` [A, size]:
     whose numbers stand in each column, by observer (`team_views.columns_of`).
@@ -149,7 +149,7 @@ def ego(game: GameConfig) -> Observation:
 
 
 def bearing(game: GameConfig) -> Observation:
-    """As a camera gives: directions, and no distances (`sight.observe_bearing`)."""
+    """The observation of a camera: directions without distances (`sight.observe_bearing`)."""
     look = functools.partial(observe_bearing, game.sides)
     return Observation(bearing_fields(game.sides), look, look, flagged=True)
 

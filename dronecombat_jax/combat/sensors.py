@@ -25,12 +25,12 @@ ALL_ROUND = 360.0  # degrees
 
 
 def history(sensor: SensorConfig) -> int:
-    """States that have to be remembered; 1: the present one alone."""
+    """How many states have to be remembered; 1: the present one alone."""
     return sensor.latency + sensor.period
 
 
 def remembered(sensor: SensorConfig, state: EnvState) -> EnvState:
-    """The same, with the present state in its memory [K, 26], newest first."""
+    """The fight with its present state in its memory [K, 26], newest first."""
     if state.craft is None or state.craft.memory is None:
         return state
     now = jnp.concatenate([state.qpos, state.qvel])
@@ -87,7 +87,9 @@ def _sensed(config: Config, observation: Observation, state: EnvState, craft: Cr
         return _look(observation, drones, state.target, seen)
     count = len(drones.position)
     errors = _errors(sensor, craft.word, made, count)
-    look = lambda one: _look(observation, _measured(drones, errors[one]), state.target, seen)[one]
+    look = lambda agent: _look(observation, _measured(drones, errors[agent]), state.target, seen)[
+        agent
+    ]
     return jnp.stack([look(drone) for drone in range(count)])
 
 
@@ -111,8 +113,8 @@ def in_sight(
         seen &= ahead >= distance * math.cos(math.radians(sensor.field_of_view) / 2.0)
     if sensor.dropout:
         assert word is not None
-        drawn = noise.uniforms(word, made, noise.DROPOUT, distance.size)
-        seen &= drawn.reshape(distance.shape) >= sensor.dropout
+        numbers = noise.uniforms(word, made, noise.DROPOUT, distance.size)
+        seen &= numbers.reshape(distance.shape) >= sensor.dropout
     return seen | jnp.eye(distance.shape[0], dtype=bool)
 
 

@@ -55,17 +55,24 @@ def observe_bearing(
     way = drones.position[whom] - drones.position[:, None]
     unit = way / jnp.maximum(jnp.linalg.norm(way, axis=-1, keepdims=True), 1e-6)
     into = rotate_inverse(drones.quaternion[:, None], unit)
-    told = jnp.concatenate([into, jnp.ones_like(into[..., :1])], axis=-1)
+    parts = jnp.concatenate([into, jnp.ones_like(into[..., :1])], axis=-1)
     if seen is not None:
-        told = jnp.where(jnp.take_along_axis(seen, jnp.asarray(whom), axis=1)[..., None], told, 0.0)
-    return jnp.concatenate([own_state(drones, target), told.reshape(len(sides), -1)], axis=-1)
+        parts = jnp.where(
+            jnp.take_along_axis(seen, jnp.asarray(whom), axis=1)[..., None], parts, 0.0
+        )
+    return jnp.concatenate([own_state(drones, target), parts.reshape(len(sides), -1)], axis=-1)
 
 
 def nearest_fields(k: int) -> Fields:
     """The parts of `observe_nearest`: `OWN_FIELDS`, k slots of team mates, k of opponents."""
     slots = [f"{group}{slot}" for group in GROUPS for slot in range(1, k + 1)]
-    told = lambda slot: ((f"p_{slot}", 3), (f"v_{slot}", 3), (f"z_{slot}", 3), (f"seen_{slot}", 1))
-    return (*OWN_FIELDS, *(part for slot in slots for part in told(slot)))
+    slot_fields = lambda slot: (
+        (f"p_{slot}", 3),
+        (f"v_{slot}", 3),
+        (f"z_{slot}", 3),
+        (f"seen_{slot}", 1),
+    )
+    return (*OWN_FIELDS, *(part for slot in slots for part in slot_fields(slot)))
 
 
 def observe_nearest(
@@ -90,7 +97,7 @@ def observe_nearest(
         jnp.broadcast_to(vector, way.shape)
         for vector in (drones.velocity, body_z(drones.quaternion))
     )
-    told = jnp.concatenate(
+    described = jnp.concatenate(
         [into(way), into(velocity), into(up), jnp.ones((count, count, 1))], axis=-1
     )
     distance = jnp.linalg.norm(way, axis=-1)
@@ -99,7 +106,7 @@ def observe_nearest(
     for group in (allied & ~np.eye(count, dtype=bool), ~allied):
         shown = jnp.asarray(group) if seen is None else group & seen
         nearest = jnp.argsort(jnp.where(shown, distance, jnp.inf), axis=-1)[:, :k, None]
-        slots = jnp.take_along_axis(jnp.where(shown[..., None], told, 0.0), nearest, axis=1)
+        slots = jnp.take_along_axis(jnp.where(shown[..., None], described, 0.0), nearest, axis=1)
         groups.append(jnp.pad(slots, ((0, 0), (0, max(k - count, 0)), (0, 0))).reshape(count, -1))
     return jnp.concatenate([own_state(drones, target), *groups], axis=-1)
 

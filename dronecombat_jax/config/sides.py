@@ -4,6 +4,7 @@ Drones are in one order everywhere: all defenders, then all attackers. Nothing i
 """
 
 from dronecombat_jax.config.opponents import SIDES as NAMES
+from dronecombat_jax.errors import UserError
 
 Sides = tuple[int, ...]  # the side of each drone: 0 the defender's, 1 the attacker's
 DUEL: Sides = (0, 1)
@@ -22,7 +23,7 @@ def team(sides: Sides, side: int) -> slice:
 
 
 def drone_names(sides: Sides) -> tuple[str, ...]:
-    """Such as `defender` where it flies alone, `defender1` and `defender2` where two do."""
+    """The drones' names: `defender` where it flies alone, else `defender1`, `defender2`, ..."""
     names = []
     for drone, side in enumerate(sides):
         number = drone - team(sides, side).start + 1
@@ -30,6 +31,12 @@ def drone_names(sides: Sides) -> tuple[str, ...]:
     return tuple(names)
 
 
+def require_duel(sides: Sides, what: str) -> None:
+    """UserError where `what` is made for one drone a side and more fly."""
+    if sides != DUEL:
+        raise UserError(f"{what} is made for one drone a side, not {spelt(sides)}")
+
+
 def spelt(sides: Sides) -> str:
-    """Such as "2 against 1": defenders, then attackers."""
+    """The sizes of both sides in words, such as "2 against 1": defenders, then attackers."""
     return f"{sides.count(0)} against {sides.count(1)}"

@@ -36,8 +36,8 @@ def collect(
 ) -> tuple[EnvState, Transition]:
     """Fly `rollout_steps` steps in every environment.
 
-    `env` leaves [N, ...]. All random numbers are drawn before the scan
-    (one call each, and XLA's CPU runtime has deadlocked on draws inside it).
+    `env` leaves [N, ...]. All random numbers are made before the scan: one call each, and XLA's
+    CPU runtime has deadlocked where a scan made them.
     """
     learn = combat.config.learn
     num_envs = env.clock.shape[0]
@@ -46,17 +46,17 @@ def collect(
     noise = jax.random.normal(
         noise_key, (steps, num_envs, len(combat.config.game.sides), ACTION_SIZE)
     )
-    draws = combat.draw_exploring(spawn_key, (steps, num_envs))
+    numbers = combat.exploring_numbers(spawn_key, (steps, num_envs))
 
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
-        noise, draw = random
+        noise, numbers = random
         observation = jax.vmap(combat.observe)(env)
         action, log_prob = act(learn, policies, observation, noise, env)
         after, output = jax.vmap(combat.step)(env, action)
         done = output.terminated | output.truncated
         following = jax.tree.map(
             lambda new, old: jnp.where(done.reshape(-1, *[1] * (new.ndim - 1)), new, old),
-            jax.vmap(combat.explore)(draw, alone),
+            jax.vmap(combat.explore)(numbers, alone),
             after,
         )
         transition = _transition(observation, action, log_prob, output, after)
@@ -65,7 +65,7 @@ def collect(
             transition = transition._replace(whole=look(env), final_whole=look(after))
         return following, transition
 
-    return jax.lax.scan(fly, env, (noise, draws))
+    return jax.lax.scan(fly, env, (noise, numbers))
 
 
 def act(
@@ -124,7 +124,7 @@ def scaled(learn: LearnConfig, scaler: Scaler, observation: jax.Array) -> jax.Ar
 
 
 def policy_of(learner: Learner) -> Policy:
-    """What flies, out of what learns; any leading axes."""
+    """The policy of a learner; any leading axes."""
     return Policy(learner.parameters.policy, learner.parameters.log_std, learner.observation_scaler)
 
 

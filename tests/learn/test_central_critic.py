@@ -50,10 +50,10 @@ class Delayed:
     def __init__(self, config: Config):
         self.config = config
 
-    def draw_exploring(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    def exploring_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         return jnp.zeros((*shape, 1))
 
-    def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
+    def explore(self, numbers: jax.Array, alone: jax.Array) -> EnvState:
         return EnvState(
             qpos=jnp.zeros(2),
             qvel=jnp.zeros(1),

@@ -66,7 +66,7 @@ def learn(make_probe, make_task):
     def program(task, learners, learning, seed):
         probe, key = make_probe(CONFIG, task), jax.random.key(seed)
         env = jax.vmap(probe.spawn)(
-            probe.draw(jax.random.fold_in(key, ITERATIONS), (CONFIG.train.num_envs,))
+            probe.start_numbers(jax.random.fold_in(key, ITERATIONS), (CONFIG.train.num_envs,))
         )
 
         def one(carry, i):

@@ -37,7 +37,7 @@ static inline float dronecombat_product(const float *a, const float *b, int coun
 /* The action [{actions}] in [-1, 1] for an observation [{inputs}] of finite numbers, in SI units. */
 static inline void dronecombat_policy(const float *observation, float *action)
 {{
-    float a[{widest}], b[{widest}];
+    DRONECOMBAT_BUFFERS float a[{widest}], b[{widest}];
     for (int i = 0; i < {inputs}; ++i) {{
 {scaling}
     }}
@@ -127,7 +127,9 @@ def _opening(info: PolicyInfo) -> Iterator[str]:
     yield f"#define DRONECOMBAT_OBSERVATION_SIZE {info.layer_sizes[0]}"
     yield f"#define DRONECOMBAT_ACTION_SIZE {ACTION_SIZE}"
     yield f"#define DRONECOMBAT_CONTROL_DT {info.control_dt!r}f /* s between two calls */"
-    yield f"#define DRONECOMBAT_TOLERANCE {TOLERANCE!r}f\n"
+    yield f"#define DRONECOMBAT_TOLERANCE {TOLERANCE!r}f"
+    yield "/* Define it as static where a task's stack is small; then no two tasks may call at once. */"
+    yield "#ifndef DRONECOMBAT_BUFFERS\n#define DRONECOMBAT_BUFFERS\n#endif\n"
 
 
 def _arrays(policy: Policy, info: PolicyInfo) -> Iterator[tuple[str, np.ndarray]]:

@@ -214,7 +214,7 @@ class UpdateMetrics(NamedTuple):
 
 
 class IterationMetrics(NamedTuple):
-    """What one iteration reports; counted are fights flown from start to end by the same two."""
+    """What one iteration reports; it counts fights that the same two flew from start to end."""
 
     causes: jax.Array  # [len(Cause)] counted fights that each `Cause` ended
     crashes: jax.Array  # [A] counted fights in which that drone had gone down
@@ -239,9 +239,7 @@ class Policy(struct.PyTreeNode):
 
 
 class Pool(struct.PyTreeNode):
-    """The past policies of one role, one slot a chunk: slot k holds the agent as it was when chunk
-    k began.
-    """
+    """The past policies of one role: slot k holds the agent as it was when chunk k began."""
 
     policies: Policy  # each leaf [K, ...]; zeros where the chunk has not begun
     # [K] fights that the live learner won against this member, ties half; old ones fade

@@ -99,7 +99,7 @@ def begin(combat: Combat, key: jax.Array, exploring: bool) -> EnvState:
 
 
 def role_of(side: int | str) -> int:
-    """`DEFENDER` or `ATTACKER`, of either or of its name. Raises UserError for anything else."""
+    """`DEFENDER` or `ATTACKER`, given as itself or by name. Raises UserError for anything else."""
     if side in SIDES:
         return SIDES.index(side)
     if side in (DEFENDER, ATTACKER) and not isinstance(side, bool):
@@ -136,7 +136,7 @@ def scores(combat: Combat, role: int) -> np.ndarray:
 
 
 def seed_words(seed: int) -> np.ndarray:
-    """The two words [2] uint32 of a key, of a seed of any size. Raises UserError below 0."""
+    """The two words [2] uint32 of the key for a seed of any size. Raises UserError below 0."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise UserError(f"seed = {one_line(str(seed))}: a whole number from 0 on is allowed")
     return np.random.SeedSequence(seed).generate_state(2, np.uint32)

@@ -168,7 +168,7 @@ def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | 
 
 
 def _seeing(combat: Combat, observation: str, pilot: Pilot) -> Pilot:
-    """The same pilot, shown the layout `observation` in place of the game's own ("": that one)."""
+    """The pilot, shown the layout `observation` in place of the game's own; "": the game's own."""
     if not observation:
         return pilot
     layout = layout_of(observation, combat.config.game)
@@ -181,7 +181,7 @@ def _seeing(combat: Combat, observation: str, pilot: Pilot) -> Pilot:
 
 
 def _policies(kind: Kind, policies: Policy, side: Side, role: int, keys: jax.Array | None) -> Pilot:
-    """Every lane's policy, flown block by block; drawn with `keys` [L]."""
+    """Every lane's policy, flown block by block; `keys` [L] make the random actions."""
     learn = LearnConfig(normalize_observations=kind.normalize)
 
     def act(state: EnvState, observation: jax.Array, _: jax.Array) -> jax.Array:

@@ -141,7 +141,7 @@ def _physics() -> str:
 
 
 def _rendering() -> str:
-    """The scene is drawn, by the means with which a run draws its fights."""
+    """The scene can be drawn as a run draws its fights."""
     import numpy as np
 
     from dronecombat_jax.config.fields import SimConfig

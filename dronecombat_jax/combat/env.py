@@ -52,7 +52,7 @@ class Combat:
 
     @property
     def _position_numbers(self) -> int:
-        """Of every drone and of the target."""
+        """How many numbers the positions of all drones and of the target take."""
         return 3 * (len(self.sides) + 1)
 
     @cached_property
@@ -222,5 +222,7 @@ def _sane(values: jax.Array) -> jax.Array:
 
 
 def _tame(qpos: jax.Array) -> jax.Array:
-    """The same where it is sane, 0 elsewhere; only a state that was broken from outside is changed."""
+    """The values where they are sane, 0 elsewhere; this changes only a state that was broken from
+    outside.
+    """
     return jnp.where(jnp.abs(qpos) < MAX_COORDINATE, qpos, 0.0)

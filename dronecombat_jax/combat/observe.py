@@ -106,7 +106,7 @@ EGO_FIELDS = tuple(
 
 
 def hiding(fields: Fields, observe: Observe) -> Observation:
-    """The observation `observe` that can hide: the numbers of a drone that is not seen are 0.
+    """The observation `observe` in which the numbers of a drone that is not seen are 0.
 
     A quaternion or a gravity of 0 is no drone's, so that this tells who is hidden. A part whose name
     ends in _d or _a is of that drone, in _other of the other drone, else of the observer itself.
@@ -126,7 +126,7 @@ def hiding(fields: Fields, observe: Observe) -> Observation:
 
 
 def bearing(game: GameConfig) -> Observation:
-    """As a camera gives: directions, and no distances (`sight.observe_bearing`)."""
+    """The observation of a camera: directions without distances (`sight.observe_bearing`)."""
     look = functools.partial(observe_bearing, game.sides)
     return Observation(bearing_fields(game.sides), look, look, flagged=True)
 

@@ -25,12 +25,12 @@ ALL_ROUND = 360.0  # degrees
 
 
 def history(sensor: SensorConfig) -> int:
-    """States that have to be remembered; 1: the present one alone."""
+    """How many states have to be remembered; 1: the present one alone."""
     return sensor.latency + sensor.period
 
 
 def remembered(sensor: SensorConfig, state: EnvState) -> EnvState:
-    """The same, with the present state in its memory [K, 26], newest first."""
+    """The fight with its present state in its memory [K, 26], newest first."""
     if state.craft is None or state.craft.memory is None:
         return state
     now = jnp.concatenate([state.qpos, state.qvel])

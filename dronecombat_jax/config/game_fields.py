@@ -15,7 +15,11 @@ class SimConfig:
     """Flight: one rigid body per drone, stepped by MJX."""
 
     body: Literal["isaac", "firmware", "menagerie", "p250", "upgrade", "brushless", "racer"] = (
-        setting("isaac", "mass, inertia and rotors of both drones (docs/how_to/real_drone.md)")
+        setting(
+            "isaac",
+            "mass, inertia and rotors of both drones (docs/how_to/real_drone.md)",
+            file=".toml",
+        )
     )
     actuation: Literal["wrench", "rotors", "mixed", "ctbr"] = setting(
         "wrench",
@@ -27,7 +31,7 @@ class SimConfig:
         0.0, "gusts: deviation of each component of the wind", unit="m/s", low=0.0, high=20.0
     )
     gust_time: float = setting(
-        1.0, "gusts: time in which the wind forgets itself", unit="s", low=0.01, high=100.0
+        1.0, "gusts: correlation time of the wind", unit="s", low=0.01, high=100.0
     )
     battery: float = setting(
         0.0,
@@ -117,7 +121,10 @@ class SensorConfig:
     )
     rate_noise: float = setting(0.0, "deviation of each body rate", unit="rad/s", low=0.0, high=5.0)
     bias: float = setting(
-        0.0, "what stays for a fight, drawn with this times the deviations", low=0.0, high=10.0
+        0.0,
+        "constant error of each fight; its deviation is this times those above",
+        low=0.0,
+        high=10.0,
     )
     latency: int = setting(0, "control steps before a measurement arrives", low=0, high=50)
     period: int = setting(1, "control steps from one measurement to the next", low=1, high=50)

@@ -22,7 +22,7 @@ def team(sides: Sides, side: int) -> slice:
 
 
 def drone_names(sides: Sides) -> tuple[str, ...]:
-    """Such as `defender` where it flies alone, `defender1` and `defender2` where two do."""
+    """The drones' names: `defender` where it flies alone, else `defender1`, `defender2`, ..."""
     names = []
     for drone, side in enumerate(sides):
         number = drone - team(sides, side).start + 1
@@ -31,5 +31,5 @@ def drone_names(sides: Sides) -> tuple[str, ...]:
 
 
 def spelt(sides: Sides) -> str:
-    """Such as "2 against 1": defenders, then attackers."""
+    """The sizes of both sides in words, such as "2 against 1": defenders, then attackers."""
     return f"{sides.count(0)} against {sides.count(1)}"

@@ -124,7 +124,7 @@ def scaled(learn: LearnConfig, scaler: Scaler, observation: jax.Array) -> jax.Ar
 
 
 def policy_of(learner: Learner) -> Policy:
-    """What flies, out of what learns; any leading axes."""
+    """The policy of a learner; any leading axes."""
     return Policy(learner.parameters.policy, learner.parameters.log_std, learner.observation_scaler)
 
 

@@ -107,7 +107,7 @@ def metadata_of(info: PolicyInfo) -> dict[str, str]:
 
 
 def info_of(metadata: dict[str, str]) -> PolicyInfo:
-    """The metadata of a file as data; further ones are ignored.
+    """The metadata of a file as data; unknown keys are ignored.
 
     Raises ValueError, one line, unless every value is what this version would write for the same
     policy.

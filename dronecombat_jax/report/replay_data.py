@@ -188,7 +188,7 @@ def _pack(
 
 
 def _scale(values: np.ndarray) -> float:
-    """The largest number, which an int16's end stands for."""
+    """The largest number, which the largest int16 stands for."""
     return max(float(np.abs(values).max()), 1e-6)
 
 

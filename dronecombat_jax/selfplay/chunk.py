@@ -129,7 +129,7 @@ def _for_all_seeds(
     iterations: int,
     mesh: jax.sharding.Mesh | None,
 ) -> Callable[[TrainState], tuple[TrainState, Any]]:
-    """`one` iteration of one seed, `iterations` times for every seed [S, ...]."""
+    """`iterations` calls of `single`, an iteration of one seed, for every seed [S, ...]."""
 
     def one_seed(state: TrainState) -> tuple[TrainState, Any]:
         return jax.lax.scan(lambda state, _: single(state), state, None, length=iterations)
@@ -272,8 +272,8 @@ def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvSt
 def _collect(
     combat: Combat, state: TrainState, cast: opponents.Cast
 ) -> tuple[EnvState, Transition]:
-    """Fly with those who play in this chunk; a policy for each environment is costly, so live
-    chunks go without.
+    """Collect a rollout of the players of this chunk. A policy for each environment is costly:
+    chunks of live players do without.
     """
     config = combat.config
     noise, spawn = (

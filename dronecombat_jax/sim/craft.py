@@ -8,6 +8,7 @@ drawn one: a drone heavier than its controller thinks sinks on the command for h
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +27,6 @@ from dronecombat_jax.sim.flight import build_turn, limit_rate, principal_axes, s
 from dronecombat_jax.sim.fluid import Drag, drags
 from dronecombat_jax.sim.physics import build_physics
 from dronecombat_jax.sim.rotation import body_z, rotate, rotate_inverse
-from dronecombat_jax.sim.rotors import ROTORS
 from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import Craft, Drawn, Drones
 
@@ -112,19 +112,20 @@ def build_craft_step(sim: SimConfig, scene: Scene) -> CraftStep:
 
 
 def _driving(sim: SimConfig, scene: Scene) -> Drive:
-    """What the actuation gives in a substep, drawn thrust included; rotors move on first."""
-    command, plant = ACTUATIONS[sim.actuation], plant_of(sim, scene)
+    """Thrust and moment of the actuation in a substep, with the fight's own thrust factor; the
+    rotors move first.
+    """
+    command = ACTUATIONS[sim.actuation]
 
     def factor(craft: Craft) -> jax.Array | float:
         return 1.0 if craft.drawn is None else craft.drawn.thrust
 
-    def ideal(action: jax.Array, rate: jax.Array, craft: Craft):
-        thrust, moment = wrench(action, plant.full_thrust, sim.moment_scale)
-        scale = factor(craft) * jnp.ones_like(thrust)
-        return scale * thrust, scale[:, None] * moment, craft
+    if command is None:
+        return _ideal(sim, scene, factor)
+    plant = plant_of(sim, scene)
 
     def by_rotors(action: jax.Array, rate: jax.Array, craft: Craft):
-        assert craft.speeds is not None and command is not None
+        assert craft.speeds is not None
         wanted = command(plant, action, rate, craft.speeds)
         lag = voltage = None
         if craft.drawn is not None:
@@ -141,7 +142,19 @@ def _driving(sim: SimConfig, scene: Scene) -> Drive:
         scale = factor(craft) * jnp.ones_like(thrust)
         return scale * thrust, scale[:, None] * moment, craft.replace(speeds=speeds)
 
-    return ideal if command is None else by_rotors
+    return by_rotors
+
+
+def _ideal(sim: SimConfig, scene: Scene, factor: Callable[[Craft], Any]) -> Drive:
+    """The wrench of eq. 7 and 8, times the drawn factor."""
+    full_thrust = sim.thrust_to_weight * jnp.asarray(scene.weight, jnp.float32)
+
+    def drive(action: jax.Array, rate: jax.Array, craft: Craft):
+        thrust, moment = wrench(action, full_thrust, sim.moment_scale)
+        scale = factor(craft) * jnp.ones_like(thrust)
+        return scale * thrust, scale[:, None] * moment, craft
+
+    return drive
 
 
 def _pushing(sim: SimConfig, scene: Scene) -> Push:
@@ -154,14 +167,17 @@ def _pushing(sim: SimConfig, scene: Scene) -> Push:
     fluid = drags(scene.flown)[0] if scene.flown.in_fluid else None
     still = jnp.asarray(scene.flown.wind, jnp.float32)
     inwards, outwards = principal_axes(scene)
+    own = None
+    if sim.drag and scene.rotors is not None:  # with bodies whose principal axes are their own
+        own = jnp.broadcast_to(jnp.asarray(scene.rotors.drag), (len(mass), 3))
 
     def push(drones: Drones, thrust: jax.Array, craft: Craft) -> jax.Array:
         heavy = mass if craft.drawn is None else mass * craft.drawn.mass[:, None]
-        if fluid is None and not sim.drag:
+        if fluid is None and own is None:
             return (mass / heavy * thrust[:, None]) * body_z(drones.quaternion)
         into = lambda vector: inwards(rotate_inverse(drones.quaternion, vector))
         air = still if craft.wind is None else still + craft.wind
-        drag, slope = _resistance(sim, fluid, craft, len(thrust)).resist(
+        drag, slope = _resistance(own, fluid, craft, len(thrust)).resist(
             into(drones.velocity - air)
         )
         weight = into(jnp.broadcast_to(gravity, drones.velocity.shape))
@@ -172,12 +188,11 @@ def _pushing(sim: SimConfig, scene: Scene) -> Push:
     return push
 
 
-def _resistance(sim: SimConfig, fluid: Drag | None, craft: Craft, drones: int) -> Drag:
-    """Drag of the fluid of an MJCF, and that of the body, along the principal axes."""
+def _resistance(own: jax.Array | None, fluid: Drag | None, craft: Craft, drones: int) -> Drag:
+    """Drag of the fluid of an MJCF, and that of the body `own` [A, 3], along the principal axes."""
     viscous = jnp.zeros((drones, 3)) if fluid is None else fluid.viscous
     quadratic = jnp.zeros((drones, 3)) if fluid is None else fluid.quadratic
-    if sim.drag:  # with bodies whose principal axes are their own
-        own = jnp.broadcast_to(jnp.asarray(ROTORS[sim.body].drag), (drones, 3))
+    if own is not None:
         viscous = viscous + (own if craft.drawn is None else craft.drawn.drag[:, None] * own)
     return Drag(viscous, quadratic)
 
@@ -207,7 +222,7 @@ def _other(config: Config) -> bool:
 
 
 def _factors(config: Config, name: str) -> jax.Array:
-    """[A] of one number, over the nominal one."""
+    """Each drone's factor [A] of one number: its own value over the nominal one."""
     by_side = getattr(config.defender, name), getattr(config.attacker, name)
     return jnp.asarray([by_side[side] for side in config.game.sides])
 

@@ -84,12 +84,14 @@ class Flown:
 
 
 def package_scene(body: str) -> Flown:
-    """What mjcf/ says as it comes with the package, for a choice of `sim.body`."""
+    """The numbers of the package's own mjcf/ for a choice of `sim.body`."""
     return Flown((Body(*BODIES[body]), Body(*BODIES[body])))
 
 
 def differences(flown: Flown, body: str) -> dict[str, Any]:
-    """What of `flown` is not the package's own for this `sim.body`, by dotted key; plain JSON."""
+    """The numbers of `flown` that differ from the package's for this `sim.body`, by dotted key;
+    plain JSON.
+    """
     ours, theirs = _described(flown.pair), _described(package_scene(body))
     return {key: value for key, value in ours.items() if theirs.get(key) != value}
 
@@ -120,7 +122,7 @@ def rigid_bodies(
 
 
 def set_inertial(spec: mujoco.MjsBody, body: Body) -> None:
-    """Make `body` the mass and inertia of a body in a specification, about its origin."""
+    """Give a body of a specification the mass and inertia of `body`, about its origin."""
     spec.mass, spec.inertia, spec.explicitinertial = body.mass, body.inertia, True
     spec.fullinertia = np.full(6, np.nan)
     spec.ipos, spec.iquat = np.zeros(3), np.asarray(body.axes)

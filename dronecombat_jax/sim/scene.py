@@ -16,6 +16,7 @@ from dronecombat_jax.config.sides import DUEL, Sides, drone_names, spelt, team
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim import mjcf, own_drone
 from dronecombat_jax.sim.flown import ALIGNED, Flown, rigid_bodies, set_inertial
+from dronecombat_jax.sim.rotors import Rotors
 from dronecombat_jax.sim.source import (
     CAMERAS,
     TARGET,
@@ -42,7 +43,8 @@ class Scene:
     path: Path
     full: mujoco.MjModel
     lean: mujoco.MjModel
-    flown: Flown  # every number that a step depends on
+    flown: Flown  # every number that a step of rigid bodies depends on
+    rotors: Rotors | None  # and one with rotors or drag; None: nothing says them
     sides: Sides  # of each drone
     qpos: tuple[slice, ...]  # 7 each: xyz in m (world), quaternion wxyz
     qvel: tuple[slice, ...]  # 6 each: m/s in the world frame, rad/s in the body frame
@@ -87,6 +89,7 @@ def load_scene(sim: SimConfig, path: Path | None = None, sides: Sides = DUEL) ->
         full=full,
         lean=rigid_bodies(flown, sim.timestep, for_mjx=True, names=names),
         flown=flown,
+        rotors=written.rotors,
         sides=sides,
         qpos=tuple(slice(7 * drone, 7 * drone + 7) for drone in drones),
         qvel=tuple(slice(6 * drone, 6 * drone + 6) for drone in drones),

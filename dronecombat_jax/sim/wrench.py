@@ -79,7 +79,9 @@ def _refuse_other_push(path: Path, model: Any, data: Any, name: str, drone: int,
 
 
 def _anywhere(model: Any, seed: int) -> Any:
-    """Both drones at some pose and velocity: a servo, whose force depends on them, must show."""
+    """Put both drones at some pose and velocity, so that a servo shows, whose force depends on
+    them.
+    """
     random, data = np.random.default_rng(seed), mujoco.MjData(model)
     data.qpos[:] = random.normal(size=model.nq)
     data.qvel[:] = random.normal(size=model.nv)

@@ -196,7 +196,7 @@ def _fly(
 
 
 def _in_its_frame(contender: Contender, own: str) -> Player:
-    """The player, told which layout it sees where that is not the game's `own`."""
+    """The player with the name of its observation, where that is not the game's `own`."""
     assert contender.player is not None  # what is missing was refused before
     seen = own if contender.environment is None else contender.environment["game.observation"]
     return contender.player._replace(observation="" if seen == own else seen)

@@ -54,12 +54,12 @@ class JaxDriver(Driver):
         self._last: tuple = ()
 
     def call(self, program: Callable, *arguments: Any) -> Any:
-        """The program's result; what it was given is kept, to be traced with at the end."""
+        """The program's result; its arguments are kept, to trace it again at the end."""
         self._last = arguments
         return program(*arguments)
 
     def keep(self, state: Any) -> None:
-        """Take the state that came out; notes one of another type than that which went in."""
+        """Take the new state; note it where its type is not that of the old one."""
         if self._state is not None and _described(state) != _described(self._state):
             self.note(
                 "state-type",

@@ -80,7 +80,7 @@ class GymnasiumDriver(Driver):
         return np.array(array)[:, None]
 
     def _shown(self, over: NDArray[np.bool_], infos: dict[str, Any]) -> NDArray[np.bool_]:
-        """Which of the fights that are over handed out their final observation."""
+        """Which of the fights that ended gave their final observation."""
         final = infos.get("final_obs")
         if final is None:
             return np.zeros(self.number, bool)

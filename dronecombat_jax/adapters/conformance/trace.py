@@ -76,7 +76,7 @@ class Driver(ABC):
         """Whatever else is to be tried, at the very end."""
 
     def note(self, rule: str, text: str) -> None:
-        """Note a fault; each rule is told once."""
+        """Note a fault, once for each rule."""
         if all(fault.rule != rule for fault in self.faults):
             self.faults.append(Fault(rule, text))
 
@@ -123,8 +123,8 @@ class Driver(ABC):
 
 
 def plan(driver: Driver, steps: int, seed: int) -> NDArray:
-    """Actions [T, N, A, ...]: for `BLOCK` steps they are drawn at each step, for as many they are held
-    at a corner of their space, then nearest to 0; fights take turns.
+    """Actions [T, N, A, ...] in blocks of `BLOCK` steps: random at each step, then held at a corner
+    of their space, then held nearest to 0; fights take turns.
     """
     random = np.random.default_rng([seed, 7])
     each = [_draw(space, (steps, driver.number), random) for _, space in driver.spaces]

@@ -111,7 +111,8 @@ def encode(others: Encoder, x: jax.Array) -> jax.Array:
         seen = group[:, -1] > 0.5  # [k, ...]
         units = elu(_affine(weight, bias, jnp.moveaxis(group[:, :-1], 1, 0)))  # [E, k, ...]
         count = jnp.maximum(jnp.sum(seen, axis=0), 1)
-        parts.append(jnp.sum(jnp.where(seen, units, 0.0), axis=1) / count)
+        counted: jax.Array = jnp.where(seen, units, 0.0)
+        parts.append(jnp.sum(counted, axis=1) / count)
         parts.append(jnp.any(seen, axis=0)[None].astype(x.dtype))
     return jnp.concatenate(parts)
 

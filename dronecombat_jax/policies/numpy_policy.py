@@ -35,7 +35,7 @@ class NumpyPolicy:
             raise ValueError(f"{path}: NaN or infinity inside")
         layers = len(json.loads(self.about["layer_sizes"])) - 1
         self.layers = [(arrays[f"weights.{i}"], arrays[f"biases.{i}"]) for i in range(layers)]
-        self.others = arrays.get("others_weights"), arrays.get("others_biases")
+        self.others = [arrays[name] for name in arrays if name.startswith("others_")]
         self.mean = arrays["observation_mean"]
         self.scale = np.sqrt(arrays["observation_variance"]) + np.float32(
             self.about["normalization_epsilon"]
@@ -51,7 +51,7 @@ class NumpyPolicy:
             )
         if self.normalize:
             x = np.clip((x - self.mean) / self.scale, -self.clip, self.clip)
-        if self.others[0] is not None:
+        if self.others:
             x = self._encode(x)
         for weight, bias in self.layers[:-1]:
             x = self._elu(x @ weight + bias)
@@ -59,7 +59,7 @@ class NumpyPolicy:
 
     def _encode(self, x):
         """The mean, over those who are seen, of a layer on the slots of observation `nearest`."""
-        weights, biases = self.others
+        biases, weights = sorted(self.others, key=np.ndim)
         groups, inputs, _ = weights.shape
         own = self.layers[0][0].shape[0] - groups * (biases.shape[1] + 1)
         slots = x[..., own:].reshape(*x.shape[:-1], groups, -1, inputs + 1)

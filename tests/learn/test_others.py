@@ -47,7 +47,7 @@ def by_hand(others: Encoder, x: np.ndarray) -> list[float]:
         seen = [slot for slot in x[19:].reshape(2, -1, 10)[group] if slot[9] == 1.0]
         units = [slot[:9] @ weight + bias for slot in seen]
         units = [np.where(unit > 0.0, unit, np.exp(unit) - 1.0) for unit in units]
-        told += [*(sum(units) / len(units) if units else np.zeros(SIZE)), float(bool(units))]
+        told += [*(np.mean(units, axis=0) if units else np.zeros(SIZE)), float(bool(units))]
     return told
 
 
@@ -56,6 +56,11 @@ def encoder() -> Encoder:
     assert others is not None
     biases = jax.random.normal(jax.random.key(2), others.biases.shape)
     return others.replace(biases=biases)
+
+
+def of(state, role: int):
+    """One side's learner of a training of one seed."""
+    return select(jax.tree.map(lambda leaf: leaf[0], state.learners), role)
 
 
 def test_it_is_the_mean_over_those_who_are_seen():
@@ -107,22 +112,18 @@ def trained():
 def test_a_training_moves_encoder_and_own_scale_alone(trained):
     _, start, end = trained
     for role in range(2):
-        before, after = (
-            select(jax.tree.map(lambda leaf: leaf[0], state.learners), role)
-            for state in (start, end)
-        )
+        before, after = of(start, role), of(end, role)
         assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(after.parameters))
         assert toy.differs(before.parameters.policy.others, after.parameters.policy.others)
         scaler = after.observation_scaler
         assert np.abs(np.asarray(scaler.mean[:19])).max() > 0.0 and not np.any(scaler.mean[19:])
+    before, after = of(start, 1), of(end, 1)
     assert toy.differs(before.parameters.value.others, after.parameters.value.others)
 
 
 def test_the_file_and_numpy_alone_fly_it_and_others_refuse_it(trained, tmp_path):
     config, _, end = trained
-    policy = jax.tree.map(
-        np.asarray, policy_of(select(jax.tree.map(lambda x: x[0], end.learners), 1))
-    )
+    policy = jax.tree.map(np.asarray, policy_of(of(end, 1)))
     full = replace(Config(), game=GAME)
     info = make_info(full, layer_sizes=(INPUTS, 8, 8, 4))._replace(others_size=SIZE)
     path = tmp_path / "mine.safetensors"
@@ -140,9 +141,7 @@ def test_the_file_and_numpy_alone_fly_it_and_others_refuse_it(trained, tmp_path)
 
 def test_a_file_whose_encoder_does_not_fit_is_refused(trained, tmp_path):
     _, _, end = trained
-    policy = jax.tree.map(
-        np.asarray, policy_of(select(jax.tree.map(lambda x: x[0], end.learners), 0))
-    )
+    policy = jax.tree.map(np.asarray, policy_of(of(end, 0)))
     info: PolicyInfo = make_info(replace(Config(), game=GAME), layer_sizes=(INPUTS, 8, 8, 4))
     for size in (0, SIZE + 1):
         with pytest.raises(UserError, match="its arrays are not those of layer_sizes"):

@@ -11,7 +11,7 @@ import numpy as np
 
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
-from dronecombat_jax.policies.file import refuse_overwriting
+from dronecombat_jax.policies.file import refuse_encoder, refuse_overwriting
 from dronecombat_jax.policies.info import PolicyInfo, metadata_of
 from dronecombat_jax.types import ACTION_SIZE, Policy
 
@@ -78,6 +78,7 @@ def save_c(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False)
 
     Raises UserError 73 where `path` exists (without `force`) or the disk refuses.
     """
+    refuse_encoder(path, info)
     refuse_overwriting(path, force)
     write_atomic(path, header_of(policy, info))
 

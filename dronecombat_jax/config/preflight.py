@@ -12,7 +12,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from dronecombat_jax.config import body_file, opponent_rules
+from dronecombat_jax.config import body_file, network_rules, opponent_rules
 from dronecombat_jax.config.devices import uneven_devices
 from dronecombat_jax.config.estimates import (
     bytes_in_words,
@@ -40,6 +40,7 @@ def problems(config: Config) -> list[Problem]:
         *_flight(config),
         *_game(config),
         *_learning(config),
+        *network_rules.broken(config),
         *_selfplay(config),
         *opponent_rules.broken(config),
         *_training(config),

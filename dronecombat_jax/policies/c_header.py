@@ -11,7 +11,8 @@ import numpy as np
 
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
-from dronecombat_jax.policies.file import refuse_overwriting
+from dronecombat_jax.policies.c_scales import scales
+from dronecombat_jax.policies.file import refuse_encoder, refuse_overwriting
 from dronecombat_jax.policies.info import PolicyInfo, metadata_of
 from dronecombat_jax.types import ACTION_SIZE, Policy
 
@@ -78,6 +79,7 @@ def save_c(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False)
 
     Raises UserError 73 where `path` exists (without `force`) or the disk refuses.
     """
+    refuse_encoder(path, info)
     refuse_overwriting(path, force)
     write_atomic(path, header_of(policy, info))
 
@@ -128,6 +130,7 @@ def _opening(info: PolicyInfo) -> Iterator[str]:
     yield f"#define DRONECOMBAT_ACTION_SIZE {ACTION_SIZE}"
     yield f"#define DRONECOMBAT_CONTROL_DT {info.control_dt!r}f /* s between two calls */"
     yield f"#define DRONECOMBAT_TOLERANCE {TOLERANCE!r}f"
+    yield from scales(info)
     yield "/* Define it as static where a task's stack is small; then no two tasks may call at once. */"
     yield "#ifndef DRONECOMBAT_BUFFERS\n#define DRONECOMBAT_BUFFERS\n#endif\n"
 

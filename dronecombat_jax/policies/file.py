@@ -14,15 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.sight import GROUPS, SLOT_SIZE
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
-from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
+from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.files import tensorfile
 from dronecombat_jax.files.arrays import nonfinite
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.tensorfile import PolicyError, digest_of
 from dronecombat_jax.policies.info import PolicyInfo, info_of, metadata_of
-from dronecombat_jax.types import MLP, Policy, Scaler
+from dronecombat_jax.types import MLP, Encoder, Policy, Scaler
 
 MAX_NAME_BYTES = 200  # a file system takes 255, and the temporary name beside it is longer
 _MAX_NAMED = 5
@@ -44,7 +45,7 @@ def save_policy(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = F
     """
     refuse_overwriting(path, force)
     tensors = tensors_of(policy)
-    if fault := _misfit(tensors, info.layer_sizes) or _bad_numbers(tensors):
+    if fault := _misfit(tensors, info) or _bad_numbers(tensors):
         raise PolicyError(path, f"not written: {fault}")
     metadata = metadata_of(info)
     write_atomic(
@@ -62,7 +63,7 @@ def load_policy(path: Path) -> SavedPolicy:
         info = info_of(metadata)
     except (ValueError, RecursionError) as error:
         raise PolicyError(path, str(error)) from None
-    if fault := _misfit(tensors, info.layer_sizes) or _bad_numbers(tensors):
+    if fault := _misfit(tensors, info) or _bad_numbers(tensors):
         raise PolicyError(path, fault)
     claimed = metadata.pop("sha256", "")
     if claimed != digest_of(tensors, metadata):
@@ -81,6 +82,15 @@ def refuse_overwriting(path: Path, force: bool) -> None:
         )
     if os.path.lexists(path) and not force:
         raise UserError(f"{path} is there already; --force replaces it", EXIT_CANNOT_WRITE)
+
+
+def refuse_encoder(path: Path, info: PolicyInfo) -> None:
+    """Raise UserError 2 for a policy with an encoder of others, which only a policy file holds."""
+    if info.others_size:
+        raise UserError(
+            f"{one_line(path.name)}: a policy with learn.others = mean is exported as .safetensors alone",
+            EXIT_CONFIG,
+        )
 
 
 def require_environment(
@@ -128,20 +138,27 @@ def tensors_of(policy: Policy) -> dict[str, np.ndarray]:
         "observation_variance": scaler.variance,
         "observation_count": scaler.count,
     }
+    if network.others is not None:
+        arrays |= {"others_weights": network.others.weights, "others_biases": network.others.biases}
     return {name: np.asarray(array) for name, array in arrays.items()}
 
 
 def _policy(tensors: dict[str, np.ndarray], layers: int) -> Policy:
     each = lambda name: tuple(tensors[f"{name}.{i}"] for i in range(layers))
     scaler = Scaler(*(tensors[f"observation_{part}"] for part in ("mean", "variance", "count")))  # pyright: ignore
-    return Policy(MLP(each("weights"), each("biases")), tensors["log_std"], scaler)  # pyright: ignore
+    others = None
+    if "others_weights" in tensors:
+        others = Encoder(tensors["others_weights"], tensors["others_biases"])  # pyright: ignore
+    network = MLP(each("weights"), each("biases"), others)  # pyright: ignore
+    return Policy(network, tensors["log_std"], scaler)  # pyright: ignore
 
 
-def _misfit(tensors: dict[str, np.ndarray], sizes: tuple[int, ...]) -> str:
-    """The first arrays whose dtype or shape is not that of a network of these sizes; empty where
-    all fit.
+def _misfit(tensors: dict[str, np.ndarray], info: PolicyInfo) -> str:
+    """The first arrays whose dtype or shape is not that of a policy of `info.layer_sizes`; empty
+    where all fit.
     """
-    layers = list(itertools.pairwise(sizes))
+    sizes = info.layer_sizes
+    layers = list(itertools.pairwise((info.first_inputs, *sizes[1:])))
     expected: dict[str, tuple[int, ...]] = {
         **{f"weights.{i}": layer for i, layer in enumerate(layers)},
         **{f"biases.{i}": layer[1:] for i, layer in enumerate(layers)},
@@ -149,6 +166,7 @@ def _misfit(tensors: dict[str, np.ndarray], sizes: tuple[int, ...]) -> str:
         "observation_mean": sizes[:1],
         "observation_variance": sizes[:1],
         "observation_count": (),
+        **_encoder_shapes(info.others_size),
     }
     spelt = lambda dtype, shape: f"{dtype}[{','.join(map(str, shape))}]"
     wanted = {name: spelt("float32", shape) for name, shape in expected.items()}
@@ -164,6 +182,13 @@ def _misfit(tensors: dict[str, np.ndarray], sizes: tuple[int, ...]) -> str:
         if wrong
         else ""
     )
+
+
+def _encoder_shapes(size: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays of an encoder of `size` units by their names; of none where it is 0."""
+    groups = len(GROUPS)
+    shapes = {"others_weights": (groups, SLOT_SIZE - 1, size), "others_biases": (groups, size)}
+    return shapes if size else {}
 
 
 def _bad_numbers(tensors: dict[str, np.ndarray]) -> str:

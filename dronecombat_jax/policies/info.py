@@ -14,6 +14,7 @@ from dronecombat_jax.combat.observe import OBSERVATIONS, Observation, layout_of
 from dronecombat_jax.config.fields import GameConfig
 from dronecombat_jax.config.schema import build, one_line, shown
 from dronecombat_jax.config.settings import SCHEMA
+from dronecombat_jax.learn.networks import encoded_size
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.types import ACTION_SIZE, SIDES
 
@@ -48,6 +49,12 @@ class PolicyInfo(NamedTuple):
     package_version: str
     jax_version: str
     config_sha256: str  # of the run's config.toml
+    others_size: int = 0  # units of the layer for slots of others (`types.Encoder`); 0: none
+
+    @property
+    def first_inputs(self) -> int:
+        """Inputs of the first layer: the observation, or what an encoder makes of it."""
+        return encoded_size(self.others_size) if self.others_size else self.layer_sizes[0]
 
     @property
     def observation(self) -> str:
@@ -95,6 +102,7 @@ def metadata_of(info: PolicyInfo) -> dict[str, str]:
         "package_version": info.package_version,
         "jax_version": info.jax_version,
         "config_sha256": info.config_sha256,
+        **({"others_size": str(info.others_size)} if info.others_size else {}),
     }
 
 
@@ -126,6 +134,7 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
         package_version=_matching(metadata, "package_version", _ID),
         jax_version=_matching(metadata, "jax_version", _ID),
         config_sha256=_matching(metadata, "config_sha256", _SHA256),
+        others_size=_others_size(metadata, environment),
     )
     for key, expected in metadata_of(info).items():
         if metadata.get(key) != expected:
@@ -140,6 +149,17 @@ def _layer_sizes(metadata: dict[str, str], environment: dict[str, Any]) -> tuple
     if not ends or hidden.problem(sizes[1:-1]):
         raise _wrong(metadata, "layer_sizes", f"expected {seen}, {hidden.allowed}, {ACTION_SIZE}")
     return tuple(sizes)
+
+
+def _others_size(metadata: dict[str, str], environment: dict[str, Any]) -> int:
+    if "others_size" not in metadata:
+        return 0
+    size, setting = _whole(metadata, "others_size"), SCHEMA["learn.others_size"]
+    if setting.problem(size):
+        raise _wrong(metadata, "others_size", f"expected {setting.allowed}")
+    if environment["game.observation"] != "nearest":
+        raise ValueError(f"metadata others_size is {size}: game.observation must be nearest")
+    return size
 
 
 def _layout(environment: dict[str, Any]) -> Observation:

@@ -12,7 +12,7 @@ import numpy as np
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
-from dronecombat_jax.policies.file import refuse_overwriting
+from dronecombat_jax.policies.file import refuse_encoder, refuse_overwriting
 from dronecombat_jax.policies.info import PolicyInfo, metadata_of
 from dronecombat_jax.types import ACTION_SIZE, Policy
 
@@ -29,6 +29,7 @@ def save_onnx(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = Fal
     missing.
     """
     onnx = require_onnx()
+    refuse_encoder(path, info)
     refuse_overwriting(path, force)
     write_atomic(path, model_of(onnx, policy, info).SerializeToString(deterministic=True))
 

@@ -88,6 +88,7 @@ def policy_of_run(
         package_version=package_version(),
         jax_version=jax.__version__,
         config_sha256=hashlib.sha256(settings.to_toml(config).encode()).hexdigest(),
+        others_size=config.learn.others_size if config.learn.others == "mean" else 0,
     )
     return policies(run, index)[SIDES.index(role)], info
 

@@ -303,6 +303,9 @@ class FightRecord(NamedTuple):
     action: jax.Array  # [T, E, A, 4] clipped, as flown
     start: EnvState  # leaves [E, ...]
     result: FightResult
+    # [T, E, A] bool after the step, as in `EnvState`; None in a duel, which its states tell whole
+    down: jax.Array | None = None
+    struck: jax.Array | None = None
 
 
 class Trajectory(NamedTuple):
@@ -315,3 +318,7 @@ class Trajectory(NamedTuple):
     target: Any  # [3] m
     cause: int
     control_dt: float  # s
+    sides: tuple[int, ...] = (DEFENDER, ATTACKER)  # of each drone
+    # [T, A] bool, as in `EnvState`; None in a duel
+    down: Any = None
+    struck: Any = None

@@ -101,11 +101,13 @@ def record(
         state, result, action = advance(
             combat, defender, attacker, state, result, jax.random.fold_in(key, step)
         )
-        return (state, result), (state.qpos, state.qvel, jnp.clip(action, -1.0, 1.0))
+        fallen = (None, None) if start.struck is None else (state.down, state.struck)
+        return (state, result), (state.qpos, state.qvel, jnp.clip(action, -1.0, 1.0), *fallen)
 
     steps = jnp.arange(combat.config.game.episode_steps)
-    (_, result), (qpos, qvel, action) = jax.lax.scan(step_on, (start, no_result(start)), steps)
-    return FightRecord(qpos, qvel, action, start, result)
+    (_, result), kept = jax.lax.scan(step_on, (start, no_result(start)), steps)
+    qpos, qvel, action, down, struck = kept
+    return FightRecord(qpos, qvel, action, start, result, down, struck)
 
 
 def advance(
@@ -158,6 +160,7 @@ def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
         [np.asarray(start)[index][None], np.asarray(path)[:steps, index]]
     )
     action = np.asarray(fights.action)[:steps, index]
+    team = fights.down is not None
     return Trajectory(
         time=np.arange(steps + 1) * combat.config.control_dt,
         qpos=first(fights.start.qpos, fights.qpos),
@@ -166,4 +169,7 @@ def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
         target=np.asarray(fights.start.target)[index],
         cause=int(fights.result.cause[index]),
         control_dt=combat.config.control_dt,
+        sides=combat.sides,
+        down=first(fights.start.down, fights.down) if team else None,
+        struck=first(fights.start.struck, fights.struck) if team else None,
     )

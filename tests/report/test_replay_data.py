@@ -10,7 +10,8 @@ from duels import CONTROL_DT, RULES, duel, fights
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import GameConfig
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.report.replay_data import MOST_STATES, Fight, replay_data, verdict
+from dronecombat_jax.report.endings import verdict
+from dronecombat_jax.report.replay_data import MOST_STATES, Fight, replay_data
 from dronecombat_jax.types import Cause, Outcome
 
 

@@ -4,13 +4,16 @@ A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> act
 policies and scripted pilots are the same to a match. Many policies against many: `tournament`.
 """
 
+from dataclasses import asdict
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import Pilot
-from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.learn.rollout import policy_mean
 from dronecombat_jax.types import (
     ATTACKER,
@@ -129,4 +132,15 @@ def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
         target=np.asarray(fights.start.target)[index],
         cause=int(fights.result.cause[index]),
         control_dt=combat.config.control_dt,
+        drawn=drawn_numbers(combat.config, fights.start, index),
     )
+
+
+def drawn_numbers(config: Config, start: EnvState, index: int | slice) -> dict[str, Any]:
+    """What was drawn for the drones of a fight, or of those of a slice, by setting of `randomise`:
+    numbers over the nominal ones [..., A]; empty where nothing was.
+    """
+    if start.craft is None or start.craft.drawn is None:
+        return {}
+    drawn, varied = start.craft.drawn, asdict(config.randomise).items()
+    return {name: np.asarray(getattr(drawn, name), float)[index] for name, share in varied if share}

@@ -74,7 +74,7 @@ def rules_of(config: Config, scene: Scene) -> Rules:
         intercept_radius=game.intercept_radius,
         reach_radius=game.reach_radius,
         crash_altitude=game.crash_altitude,
-        thrust=(_full_thrust(config, weight[0]), _full_thrust(config, weight[1])),
+        thrust=(_full_thrust(config, scene, DEFENDER), _full_thrust(config, scene, ATTACKER)),
         weight=weight,
         winners=outcome_table(game),
         alone=not game_of(config).flies[DEFENDER],
@@ -82,11 +82,11 @@ def rules_of(config: Config, scene: Scene) -> Rules:
     )
 
 
-def _full_thrust(config: Config, weight: float) -> float:
+def _full_thrust(config: Config, scene: Scene, role: int) -> float:
     """N at full command; that of rotors where they are flown."""
     if config.sim.actuation == "wrench":
-        return config.sim.thrust_to_weight * weight
-    return full_thrust(config.sim, weight)
+        return config.sim.thrust_to_weight * float(scene.weight[role])
+    return full_thrust(config.sim, scene, role)
 
 
 def as_sticks(action: np.ndarray) -> np.ndarray:
@@ -142,7 +142,9 @@ def fight_data(fight: Fight, rules: Rules, most: int) -> dict[str, Any]:
     cause, winner = Cause(trajectory.cause), rules.winners[trajectory.cause]
     end = float(trajectory.time[-1])
     every = int(kept[1]) if len(kept) > 1 else 1
+    drawn = {name: np.round(each, 4).tolist() for name, each in (trajectory.drawn or {}).items()}
     return {
+        **({"drawn": drawn} if drawn else {}),
         "name": one_line(fight.name),
         "note": one_line(fight.note),
         "defender": one_line(fight.pilots[DEFENDER]),

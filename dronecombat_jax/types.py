@@ -89,6 +89,8 @@ class EnvState(struct.PyTreeNode):
     clock: jax.Array  # [] int32, control steps since the start
     down: jax.Array  # [A] bool, the drone is down (or absent) and lies where it is
     craft: Craft | None = None  # None: two ideal rigid bodies
+    # [A, M] what each drone's policy remembers of the fight (`learn.memory`); None: nothing
+    recall: jax.Array | None = None
 
 
 class StepOutput(NamedTuple):
@@ -172,6 +174,7 @@ class Transition(NamedTuple):
     # [T, N, A, 37], before and after the step, what a central critic sees; None: no such critic
     whole: jax.Array | None = None
     final_whole: jax.Array | None = None
+    recall: jax.Array | None = None  # [T, N, A, M], what was remembered before the step
 
 
 class Batch(NamedTuple):

@@ -15,15 +15,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dronecombat_jax.arena.match import advance, no_result
+from dronecombat_jax.arena.match import AnyPilot, advance, as_pilot, no_result
 from dronecombat_jax.arena.players import Kind
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.observe import OBSERVATIONS
-from dronecombat_jax.combat.scripted import PILOTS, Pilot, build_pilot, one_per_fight
+from dronecombat_jax.combat.scripted import PILOTS, build_pilot, one_per_fight
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.own import chosen
-from dronecombat_jax.learn.rollout import policy_mean
+from dronecombat_jax.learn.memory import with_recall
+from dronecombat_jax.learn.rollout import policy_step, recalled
 from dronecombat_jax.types import (
     ACTION_SIZE,
     ATTACKER,
@@ -79,6 +80,8 @@ class Lanes(NamedTuple):
     result: FightResult  # leaves [L, ...]; a lane whose fight has a cause stands still
 
 
+Remembered = tuple[jax.Array, jax.Array | None]  # actions [L, 4], what is remembered [L, M]
+Act = Callable[[EnvState, jax.Array, jax.Array], Remembered]
 Fly = Callable[[Lanes, Orders, tuple[Side, Side]], Lanes]
 
 
@@ -89,7 +92,8 @@ def build_fly(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout, stochast
 
     def fly(lanes: Lanes, orders: Orders, sides: tuple[Side, Side]) -> Lanes:
         pick = lambda new, old: jnp.where(orders.begin.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-        lanes = jax.tree.map(pick, Lanes(orders.start, no_result(orders.start)), lanes)
+        start = with_recall(orders.start, _memory(kinds))
+        lanes = jax.tree.map(pick, Lanes(start, no_result(start)), lanes)
         keys = (
             jax.vmap(partial(fight_key, orders.seed))(orders.words, orders.episode)
             if stochastic
@@ -111,9 +115,11 @@ def build_fly(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout, stochast
     return fly
 
 
-def idle_lanes(combat: Combat, layout: Layout) -> Lanes:
+def idle_lanes(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout) -> Lanes:
     """A batch in which nobody has begun to fight; NumPy leaves."""
-    fight = jax.eval_shape(combat.reset, jax.random.key(0))
+    fight = jax.eval_shape(
+        lambda key: with_recall(combat.reset(key), _memory(kinds)), jax.random.key(0)
+    )
     state = jax.tree.map(lambda leaf: np.zeros((layout.lanes, *leaf.shape), leaf.dtype), fight)
     result = jax.tree.map(
         lambda leaf: np.zeros(leaf.shape, leaf.dtype), jax.eval_shape(no_result, state)
@@ -143,9 +149,16 @@ def fight_key(seed: jax.Array, words: jax.Array, episode: jax.Array) -> jax.Arra
     return key
 
 
-def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None) -> Pilot:
-    policies = [] if side.policies is None else [_policies(kind, side.policies, side, role, keys)]
-    flown = [_seeing(combat, kind.observation, pilot) for pilot in policies]
+def _memory(kinds: tuple[Kind, Kind]) -> int:
+    """Numbers that a lane keeps of its fight for each drone."""
+    return max(kind.memory for kind in kinds)
+
+
+def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None) -> AnyPilot:
+    policies = None
+    if side.policies is not None:
+        policies = _policies(kind, side.policies, side, role, keys)
+        policies = _seeing(combat, kind.observation, policies)
     pilots = (
         [build_pilot(name, combat.config, combat.scene, role) for name in PILOTS[role]]
         if kind.scripted
@@ -153,47 +166,48 @@ def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | 
     )
     scripted = side.pilot >= 0
 
-    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
-        actions = [pilot(state, observation, key) for pilot in flown]
-        if not pilots:
-            return actions[0]
+    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> Remembered:
         follow = lambda: one_per_fight(pilots, jnp.maximum(side.pilot, 0))(state, observation, key)
-        if not actions:
-            return follow()
-        other: jax.Array = jax.lax.cond(
-            jnp.any(scripted), follow, lambda: jnp.zeros_like(actions[0])
-        )
-        return jnp.where(scripted[:, None], other, actions[0])
+        if policies is None:
+            return follow(), recalled(state, role)
+        action, recall = policies(state, observation, key)
+        if not pilots:
+            return action, recall
+        other: jax.Array = jax.lax.cond(jnp.any(scripted), follow, lambda: jnp.zeros_like(action))
+        return jnp.where(scripted[:, None], other, action), recall
 
-    return act
+    return as_pilot(act, kind.memory)
 
 
-def _seeing(combat: Combat, observation: str, pilot: Pilot) -> Pilot:
+def _seeing(combat: Combat, observation: str, pilot: Act) -> Act:
     """The same pilot, shown the layout `observation` in place of the game's own ("": that one)."""
     if not observation:
         return pilot
     layout = chosen(OBSERVATIONS, observation)
     look = jax.vmap(lambda state: see(combat.config, layout, state))
 
-    def act(state: EnvState, _: jax.Array, key: jax.Array) -> jax.Array:
+    def act(state: EnvState, _: jax.Array, key: jax.Array) -> Remembered:
         return pilot(state, look(state), key)
 
     return act
 
 
-def _policies(kind: Kind, policies: Policy, side: Side, role: int, keys: jax.Array | None) -> Pilot:
+def _policies(kind: Kind, policies: Policy, side: Side, role: int, keys: jax.Array | None) -> Act:
     """Every lane's policy, flown block by block; drawn with `keys` [L]."""
     learn = LearnConfig(normalize_observations=kind.normalize)
 
-    def act(state: EnvState, observation: jax.Array, _: jax.Array) -> jax.Array:
+    def act(state: EnvState, observation: jax.Array, _: jax.Array) -> Remembered:
         seen = observation[side.rows, role]
-        mean = jax.vmap(partial(policy_mean, learn))(policies, seen).reshape(-1, ACTION_SIZE)[
-            side.seat
-        ]
+        before = jax.tree.map(lambda leaf: leaf[side.rows], recalled(state, role))
+        flying = jax.vmap(partial(policy_step, learn))(policies, seen, before)
+        # [blocks, block, ...] -> [L, ...]
+        mean, recall = jax.tree.map(
+            lambda leaf: leaf.reshape(-1, leaf.shape[-1])[side.seat], flying
+        )
         if keys is None:
-            return mean
+            return mean, recall
         spread = jnp.repeat(jnp.exp(policies.log_std), side.rows.shape[1], axis=0)[side.seat]
-        return mean + spread * jax.vmap(partial(_noise, role))(keys, state.clock)
+        return mean + spread * jax.vmap(partial(_noise, role))(keys, state.clock), recall
 
     return act
 

@@ -1,8 +1,12 @@
 """Batched fights between two pilots, without learning: who wins, how, how fast.
 
 A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]`; trained
-policies and scripted pilots are the same to a match. Many policies against many: `tournament`.
+policies and scripted pilots are the same to a match. One that remembers its fight is `Remembering`.
+Many policies against many: `tournament`.
 """
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +15,8 @@ import numpy as np
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import Pilot
 from dronecombat_jax.config.fields import LearnConfig
-from dronecombat_jax.learn.rollout import policy_mean
+from dronecombat_jax.learn.memory import memory_size, with_recall
+from dronecombat_jax.learn.rollout import policy_step, recalled
 from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
@@ -24,19 +29,49 @@ from dronecombat_jax.types import (
 )
 
 
-def policy_pilot(learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False) -> Pilot:
+class Remembering(NamedTuple):
+    """A pilot that remembers its fight: what it returns besides its action, `size` numbers [E, M],
+    is in the fights' `recall` when it is asked again.
+    """
+
+    size: int
+    act: Callable[[EnvState, jax.Array, jax.Array], tuple[jax.Array, jax.Array | None]]
+
+
+AnyPilot = Pilot | Remembering
+
+
+def policy_pilot(
+    learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False
+) -> AnyPilot:
     """Fly `policy` as `role`: its mean action, or a draw from it.
 
     Its log-std is taken as it is: `policies.file.as_flown` puts it into its bounds.
     """
 
-    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
-        mean = policy_mean(learn, policy, observation[:, role])
-        if not stochastic:
-            return mean
-        return mean + jnp.exp(policy.log_std) * jax.random.normal(key, mean.shape)
+    size = memory_size(policy)
 
-    return act
+    def act(
+        state: EnvState, observation: jax.Array, key: jax.Array
+    ) -> tuple[jax.Array, jax.Array | None]:
+        before = recalled(state, role) if size else None
+        mean, recall = policy_step(learn, policy, observation[:, role], before)
+        if not stochastic:
+            return mean, recall
+        return mean + jnp.exp(policy.log_std) * jax.random.normal(key, mean.shape), recall
+
+    return as_pilot(act, size)
+
+
+def as_pilot(act: Callable[..., tuple[jax.Array, jax.Array | None]], size: int) -> AnyPilot:
+    """`act` as a pilot that remembers `size` numbers: 0, and it is a plain one."""
+    return Remembering(size, act) if size else lambda *given: act(*given)[0]
+
+
+def ready(start: EnvState, *pilots: AnyPilot) -> EnvState:
+    """Fights about to start [E, ...], with room for what their pilots will remember."""
+    sizes = [pilot.size for pilot in pilots if isinstance(pilot, Remembering)]
+    return with_recall(start, max(sizes, default=0))
 
 
 def start_fights(combat: Combat, key: jax.Array, num_fights: int) -> EnvState:
@@ -45,7 +80,7 @@ def start_fights(combat: Combat, key: jax.Array, num_fights: int) -> EnvState:
 
 
 def fight(
-    combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key: jax.Array
+    combat: Combat, defender: AnyPilot, attacker: AnyPilot, start: EnvState, key: jax.Array
 ) -> FightResult:
     """Fight all of `start` [E, ...] to the end; stops when the last one has ended."""
 
@@ -59,12 +94,13 @@ def fight(
         )
         return state, result, step + 1
 
-    carry = (start, no_result(start), jnp.zeros((), jnp.int32))
+    begun = ready(start, defender, attacker)
+    carry = (begun, no_result(start), jnp.zeros((), jnp.int32))
     return jax.lax.while_loop(running, step_on, carry)[1]
 
 
 def record(
-    combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key: jax.Array
+    combat: Combat, defender: AnyPilot, attacker: AnyPilot, start: EnvState, key: jax.Array
 ) -> FightRecord:
     """Like `fight`, keeping every step: `episode_steps` of them."""
 
@@ -76,14 +112,15 @@ def record(
         return (state, result), (state.qpos, state.qvel, jnp.clip(action, -1.0, 1.0))
 
     steps = jnp.arange(combat.config.game.episode_steps)
-    (_, result), (qpos, qvel, action) = jax.lax.scan(step_on, (start, no_result(start)), steps)
+    carry = ready(start, defender, attacker), no_result(start)
+    (_, result), (qpos, qvel, action) = jax.lax.scan(step_on, carry, steps)
     return FightRecord(qpos, qvel, action, start, result)
 
 
 def advance(
     combat: Combat,
-    defender: Pilot,
-    attacker: Pilot,
+    defender: AnyPilot,
+    attacker: AnyPilot,
     state: EnvState,
     result: FightResult,
     key: jax.Array,
@@ -97,14 +134,23 @@ def advance(
     observation = jax.vmap(combat.observe)(state)
     keys = jax.random.split(key)
     pilots = {DEFENDER: defender, ATTACKER: attacker}
-    action = jnp.stack(
-        [pilots[role](state, observation, keys[role]) for role in sorted(pilots)], axis=1
-    )
+    acts = [_act(pilots[role], role, state, observation, keys[role]) for role in sorted(pilots)]
+    action, recall = jax.tree.map(lambda *leaves: jnp.stack(leaves, axis=1), *acts)
     after, output = jax.vmap(combat.step)(state, action)
+    after = after.replace(recall=recall)
     on = result.cause == Cause.NONE
     keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)
     now = FightResult(output.cause, result.steps + 1, after.down & ~combat.game.absent)
     return jax.tree.map(keep, after, state), jax.tree.map(keep, now, result), action
+
+
+def _act(
+    pilot: AnyPilot, role: int, state: EnvState, observation: jax.Array, key: jax.Array
+) -> tuple[jax.Array, jax.Array | None]:
+    """A pilot's actions [E, 4] as `role`, and what is remembered after them [E, M]."""
+    if isinstance(pilot, Remembering):
+        return pilot.act(state, observation, key)
+    return pilot(state, observation, key), recalled(state, role)
 
 
 def no_result(start: EnvState) -> FightResult:

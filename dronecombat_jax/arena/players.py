@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecombat_jax.combat.scripted import PILOTS
+from dronecombat_jax.learn.memory import memory_size
 from dronecombat_jax.types import Policy
 
 
@@ -33,6 +34,7 @@ class Kind(NamedTuple):
     normalize: bool  # whether they see scaled observations
     scripted: bool  # scripted pilots fly among them
     observation: str = ""  # what the policies see, as in `Player`
+    memory: int = 0  # numbers that the policies remember of a fight
 
 
 def alike(players: Sequence[Player]) -> list[list[int]]:
@@ -50,9 +52,9 @@ def alike(players: Sequence[Player]) -> list[list[int]]:
 def kind_of(players: Sequence[Player]) -> Kind:
     """What a program must be able to fly for players who are `alike`."""
     networks = {_network(player) for player in players}
-    nothing = ((), False, "")
-    sizes, normalize, observation = next(filter(None, networks), nothing)
-    return Kind(sizes, normalize, None in networks, observation)
+    nothing = ((), False, "", 0)
+    sizes, normalize, observation, memory = next(filter(None, networks), nothing)
+    return Kind(sizes, normalize, None in networks, observation, memory)
 
 
 def stack(players: Sequence[Player]) -> Policy | None:
@@ -81,10 +83,12 @@ def content_words(identity: str) -> NDArray[np.uint32]:
     return np.frombuffer(hashlib.sha256(identity.encode()).digest()[:8], "<u4").astype(np.uint32)
 
 
-def _network(player: Player) -> tuple[tuple[int, ...], bool, str] | None:
-    """Widths of its network, whether it normalises, and what it sees; None for a scripted pilot."""
+def _network(player: Player) -> tuple[tuple[int, ...], bool, str, int] | None:
+    """Widths of its network, whether it normalises, what it sees, and how much it remembers; None
+    for a scripted pilot.
+    """
     if isinstance(player.pilot, str):
         return None
     weights = player.pilot.network.weights
     sizes = weights[0].shape[0], *(weight.shape[1] for weight in weights)
-    return sizes, player.normalize, player.observation
+    return sizes, player.normalize, player.observation, memory_size(player.pilot)

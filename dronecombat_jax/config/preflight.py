@@ -214,6 +214,11 @@ def _learning(config: Config) -> Iterator[Problem]:
             ("learn.critic", "learn.algorithm"),
             f"learn.critic = central needs learn.algorithm = ppo: what {learn.algorithm} sees is its own business",
         )
+    if learn.memory != "none" and learn.algorithm != "ppo":
+        yield Problem(
+            ("learn.memory", "learn.algorithm"),
+            f"learn.memory = {learn.memory} needs learn.algorithm = ppo: what {learn.algorithm} remembers is its own business",
+        )
     low, start, high = learn.min_learning_rate, learn.learning_rate, learn.max_learning_rate
     if low > high or (learn.learning_rate_schedule == "kl" and not low <= start <= high):
         yield Problem(

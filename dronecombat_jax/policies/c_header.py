@@ -11,7 +11,7 @@ import numpy as np
 
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
-from dronecombat_jax.policies.file import refuse_overwriting
+from dronecombat_jax.policies.file import refuse_memory, refuse_overwriting
 from dronecombat_jax.policies.info import PolicyInfo, metadata_of
 from dronecombat_jax.types import ACTION_SIZE, Policy
 
@@ -63,8 +63,10 @@ _LAYER = """    for (int o = 0; o < {outputs}; ++o) {{
 def save_c(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False) -> None:
     """Write one policy as a header; the draw's log_std is not in it.
 
-    Raises UserError 73 where `path` exists (without `force`) or the disk refuses.
+    Raises UserError: 73 where `path` exists (without `force`) or the disk refuses, 2 for a policy
+    with memory.
     """
+    refuse_memory(path, info)
     refuse_overwriting(path, force)
     write_atomic(path, header_of(policy, info))
 

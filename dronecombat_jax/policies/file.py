@@ -16,12 +16,12 @@ import numpy as np
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
-from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
+from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.files import tensorfile
 from dronecombat_jax.files.arrays import nonfinite
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.tensorfile import PolicyError, digest_of
-from dronecombat_jax.policies.info import PolicyInfo, info_of, metadata_of
+from dronecombat_jax.policies.info import NO_MEMORY, PolicyInfo, info_of, metadata_of
 from dronecombat_jax.types import MLP, Policy, Scaler
 
 MAX_NAME_BYTES = 200  # a file system takes 255, and the temporary name beside it is longer
@@ -44,7 +44,7 @@ def save_policy(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = F
     """
     refuse_overwriting(path, force)
     tensors = tensors_of(policy)
-    if fault := _misfit(tensors, info.layer_sizes) or _bad_numbers(tensors):
+    if fault := _misfit(tensors, info) or _bad_numbers(tensors):
         raise PolicyError(path, f"not written: {fault}")
     metadata = metadata_of(info)
     write_atomic(
@@ -62,7 +62,7 @@ def load_policy(path: Path) -> SavedPolicy:
         info = info_of(metadata)
     except (ValueError, RecursionError) as error:
         raise PolicyError(path, str(error)) from None
-    if fault := _misfit(tensors, info.layer_sizes) or _bad_numbers(tensors):
+    if fault := _misfit(tensors, info) or _bad_numbers(tensors):
         raise PolicyError(path, fault)
     claimed = metadata.pop("sha256", "")
     if claimed != digest_of(tensors, metadata):
@@ -81,6 +81,15 @@ def refuse_overwriting(path: Path, force: bool) -> None:
         )
     if os.path.lexists(path) and not force:
         raise UserError(f"{path} is there already; --force replaces it", EXIT_CANNOT_WRITE)
+
+
+def refuse_memory(path: Path, info: PolicyInfo) -> None:
+    """Raise UserError 2 for a policy that remembers its fight, which only a policy file holds."""
+    if info.memory != NO_MEMORY:
+        raise UserError(
+            f"{one_line(path.name)}: a policy with memory ({info.memory}) is exported as .safetensors alone",
+            EXIT_CONFIG,
+        )
 
 
 def require_environment(
@@ -137,17 +146,18 @@ def _policy(tensors: dict[str, np.ndarray], layers: int) -> Policy:
     return Policy(MLP(each("weights"), each("biases")), tensors["log_std"], scaler)  # pyright: ignore
 
 
-def _misfit(tensors: dict[str, np.ndarray], sizes: tuple[int, ...]) -> str:
-    """The first arrays whose dtype or shape is not that of a network of these sizes; empty where
-    all fit.
+def _misfit(tensors: dict[str, np.ndarray], info: PolicyInfo) -> str:
+    """The first arrays whose dtype or shape is not that of a policy of `info.layer_sizes`; empty
+    where all fit.
     """
+    sizes, seen = info.layer_sizes, info.observation_size
     layers = list(itertools.pairwise(sizes))
     expected: dict[str, tuple[int, ...]] = {
         **{f"weights.{i}": layer for i, layer in enumerate(layers)},
         **{f"biases.{i}": layer[1:] for i, layer in enumerate(layers)},
         "log_std": sizes[-1:],
-        "observation_mean": sizes[:1],
-        "observation_variance": sizes[:1],
+        "observation_mean": (seen,),
+        "observation_variance": (seen,),
         "observation_count": (),
     }
     spelt = lambda dtype, shape: f"{dtype}[{','.join(map(str, shape))}]"

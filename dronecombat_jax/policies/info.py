@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 
 from dronecombat_jax.combat.fingerprint import canonical
 from dronecombat_jax.combat.observe import OBSERVATIONS
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.schema import one_line, shown
 from dronecombat_jax.config.settings import SCHEMA
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.types import ACTION_SIZE, SIDES
 
 FORMAT = "dronecombat-policy"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # 1: a policy without memory
 ACTIVATION = "elu"
 _WRENCH = ("thrust", "moment_x", "moment_y", "moment_z")  # body frame (`sim.flight.wrench`)
 ACTION_FIELDS = {  # by `sim.actuation`
@@ -30,13 +31,15 @@ ACTION_CLIP = 1.0  # what the game does to an action before it flies it
 _ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._+-]{0,99}")
 _WHOLE = re.compile(r"0|[1-9][0-9]{0,17}")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
+NO_MEMORY = "none"
+_MEMORY = re.compile(r"frames ([2-9]|[1-5][0-9]|6[0-4])")
 
 
 class PolicyInfo(NamedTuple):
     """What a file says about its policy; `metadata_of` spells it as text."""
 
     role: str  # "defender" or "attacker"
-    layer_sizes: tuple[int, ...]  # from observation to action
+    layer_sizes: tuple[int, ...]  # from what the network sees to the action
     normalize_observations: bool  # whether the network sees scaled observations
     environment: dict[str, Any]  # `combat.fingerprint.environment`: the game that it was trained in
     run: str
@@ -46,11 +49,18 @@ class PolicyInfo(NamedTuple):
     package_version: str
     jax_version: str
     config_sha256: str  # of the run's config.toml
+    # what it remembers of its fight: "none"; "frames K": the network sees its last K observations
+    memory: str = NO_MEMORY
 
     @property
     def observation(self) -> str:
         """Name of the observation's layout: "world" or "ego"."""
         return self.environment["game.observation"]
+
+    @property
+    def observation_size(self) -> int:
+        """Length of an observation."""
+        return OBSERVATIONS[self.observation].size
 
     @property
     def actuation(self) -> str:
@@ -68,11 +78,26 @@ class PolicyInfo(NamedTuple):
         return hashlib.sha256(canonical(self.environment).encode()).hexdigest()
 
 
+def memory_of(learn: LearnConfig) -> str:
+    """What the policies of a run remember, as `PolicyInfo.memory` says it."""
+    return f"frames {learn.frames}" if learn.memory == "frames" else NO_MEMORY
+
+
+def input_size(observation_size: int, memory: str) -> int:
+    """Numbers that a network sees of an observation and of what it remembers."""
+    kind, _, number = memory.partition(" ")
+    return observation_size * int(number) if kind == "frames" else observation_size
+
+
 def metadata_of(info: PolicyInfo) -> dict[str, str]:
-    """Everything but the arrays, every value as text."""
+    """Everything but the arrays, every value as text.
+
+    Of a policy without memory it is that of format 1.
+    """
+    remembers = info.memory != NO_MEMORY
     return {
         "format": FORMAT,
-        "format_version": str(FORMAT_VERSION),
+        "format_version": str(FORMAT_VERSION if remembers else 1),
         "role": info.role,
         "layer_sizes": json.dumps(info.layer_sizes),
         "activation": ACTIVATION,
@@ -93,6 +118,7 @@ def metadata_of(info: PolicyInfo) -> dict[str, str]:
         "package_version": info.package_version,
         "jax_version": info.jax_version,
         "config_sha256": info.config_sha256,
+        **({"memory": info.memory} if remembers else {}),
     }
 
 
@@ -109,9 +135,10 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
             f"it has format {version}, this version reads up to {FORMAT_VERSION}: upgrade dronecombat-jax"
         )
     environment = _environment(metadata)
+    memory = _matching(metadata, "memory", _MEMORY) if version > 1 else NO_MEMORY
     info = PolicyInfo(
         role=_matching(metadata, "role", re.compile("|".join(SIDES))),
-        layer_sizes=_layer_sizes(metadata, environment),
+        layer_sizes=_layer_sizes(metadata, environment, memory),
         normalize_observations=_matching(
             metadata, "normalize_observations", re.compile("true|false")
         )
@@ -124,6 +151,7 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
         package_version=_matching(metadata, "package_version", _ID),
         jax_version=_matching(metadata, "jax_version", _ID),
         config_sha256=_matching(metadata, "config_sha256", _SHA256),
+        memory=memory,
     )
     for key, expected in metadata_of(info).items():
         if metadata.get(key) != expected:
@@ -131,9 +159,11 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
     return info
 
 
-def _layer_sizes(metadata: dict[str, str], environment: dict[str, Any]) -> tuple[int, ...]:
+def _layer_sizes(
+    metadata: dict[str, str], environment: dict[str, Any], memory: str
+) -> tuple[int, ...]:
     sizes, hidden = _json(metadata, "layer_sizes"), SCHEMA["learn.hidden_sizes"]
-    seen = OBSERVATIONS[environment["game.observation"]].size
+    seen = input_size(OBSERVATIONS[environment["game.observation"]].size, memory)
     ends = isinstance(sizes, list) and (sizes[0:1], sizes[-1:]) == ([seen], [ACTION_SIZE])
     if not ends or hidden.problem(sizes[1:-1]):
         raise _wrong(metadata, "layer_sizes", f"expected {seen}, {hidden.allowed}, {ACTION_SIZE}")

@@ -16,6 +16,7 @@ from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
+from dronecombat_jax.learn.memory import memory_size
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.report.replay_data import WINNERS, who_and_why
 from dronecombat_jax.sim.craft import is_ideal
@@ -101,6 +102,10 @@ def opponent_data(opponent: Opponent) -> Data:
     label = one_line(opponent.label)
     if isinstance(opponent.pilot, str):
         return {"label": label, "scripted": opponent.pilot}
+    if memory_size(opponent.pilot):
+        raise UserError(
+            f"{label}: the page flies policies without memory alone. dronecombat replay shows its fights"
+        )
     network, scaler = opponent.pilot.network, opponent.pilot.observation_scaler
     divisor = np.sqrt(np.asarray(scaler.variance, np.float32)) + np.float32(EPSILON)
     layers = zip(network.weights, network.biases, strict=True)

@@ -9,11 +9,11 @@ import jax
 import numpy as np
 from scipy import stats
 
-from dronecombat_jax.arena.match import fight, policy_pilot, start_fights
+from dronecombat_jax.arena.match import AnyPilot, fight, policy_pilot, start_fights
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.combat.scripted import Pilot, build_pilot
+from dronecombat_jax.combat.scripted import build_pilot
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import stands_for
 from dronecombat_jax.config.schema import one_line
@@ -112,7 +112,7 @@ def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
     ]
     flown = [None if isinstance(flyer, str) else flyer for flyer in flyers]
 
-    def pilot(policy: Policy | None, role: int) -> Pilot:
+    def pilot(policy: Policy | None, role: int) -> AnyPilot:
         if policy is None or names[role]:
             return build_pilot(names[role], config, combat.scene, role)
         # who is frozen flew its mean action in training, too

@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.arena.lanes import fight_key, start_states
-from dronecombat_jax.arena.match import policy_pilot, record, trajectory
+from dronecombat_jax.arena.match import AnyPilot, policy_pilot, record, trajectory
 from dronecombat_jax.arena.players import content_words
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.scripted import Pilot, build_pilot
+from dronecombat_jax.combat.scripted import build_pilot
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.types import EnvState, FightRecord, Policy, Trajectory
 from dronecombat_jax.watch.flyers import Flyer
@@ -78,7 +78,7 @@ def _pilot(
     role: int,
     kind: Kind,
     policy: Policy | None,
-) -> Pilot:
+) -> AnyPilot:
     if isinstance(kind, str):
         return build_pilot(kind, combat.config, combat.scene, role)
     assert policy is not None

@@ -41,7 +41,10 @@ METHODS = {
         selfplay=SelfPlayConfig(probability=0.5),
     ),
 }
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ippo", "mappo")]
+METHODS["memory"] = replace(
+    METHODS["sippo"], learn=replace(CONFIG.learn, memory="frames", frames=3)
+)
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ippo", "mappo", "memory")]
 
 
 @pytest.fixture(scope="module", params=["sippo", *SLOW])

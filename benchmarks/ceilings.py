@@ -49,7 +49,7 @@ def products(size: Size) -> list[Product]:
     """
     numbers = np.random.default_rng(0)
     draw = lambda *shape: numbers.standard_normal(shape, dtype=np.float32)
-    found = [Product(CUBE, draw(size.cube, size.cube), draw(size.cube, size.cube))]
+    made = [Product(CUBE, draw(size.cube, size.cube), draw(size.cube, size.cube))]
     for index, (rows, columns) in enumerate(
         pairwise((OBSERVATION_SIZE, *size.hidden_sizes, ACTION_SIZE))
     ):
@@ -58,11 +58,11 @@ def products(size: Size) -> list[Product]:
             draw(rows, columns),
             draw(size.minibatch, columns),
         )
-        found.append(Product(f"{rows}x{columns} forward", x, weight))
+        made.append(Product(f"{rows}x{columns} forward", x, weight))
         if index:
-            found.append(Product(f"{rows}x{columns} input gradient", output, weight.T))
-        found.append(Product(f"{rows}x{columns} weight gradient", x.T, output))
-    return found
+            made.append(Product(f"{rows}x{columns} input gradient", output, weight.T))
+        made.append(Product(f"{rows}x{columns} weight gradient", x.T, output))
+    return made
 
 
 def numpy_products(size: Size) -> Part:

@@ -14,11 +14,11 @@ from benchmarks.worker import Part, Program
 Mesh = jax.sharding.Mesh
 
 
-def spread(one: Callable[..., Any], mesh: Mesh | None) -> Callable[..., Any]:
+def spread(single: Callable[..., Any], mesh: Mesh | None) -> Callable[..., Any]:
     """`one` for each of arguments [S, ...], in turn on one device; a `mesh` shares S out along its
     first axis.
     """
-    every = lambda *batch: jax.lax.map(lambda each: one(*each), batch)
+    every = lambda *batch: jax.lax.map(lambda each: single(*each), batch)
     if mesh is None:
         return every
     part = jax.sharding.PartitionSpec(mesh.axis_names[0])

@@ -68,7 +68,7 @@ def tumbling_table(sim: SimConfig, axes: int) -> None:
     print(f"| tumbling at | after | {' | '.join(columns)} |\n|{'---|' * (2 + len(columns))}")
     for speed in (20.0, 100.0):
         flights = tumbles(sim, speed, SECONDS[-1], axes)
-        apart = ([fly(sim, one) for one in flights] for fly in (c_mujoco, exact))
+        apart = ([fly(sim, flight) for flight in flights] for fly in (c_mujoco, exact))
         paths = [ours(sim, flights), *apart]
         for seconds in SECONDS:
             kept = np.array([shares_kept(sim, flights, flown, seconds) for flown in paths])
@@ -140,7 +140,7 @@ def ours(sim: SimConfig, flights: Sequence[Flight]) -> list[Path]:
         state = step(state[0], state[1], action)
         return state, state
 
-    action = np.stack([one.action for one in flights], axis=1)[:, :, None]
+    action = np.stack([flight.action for flight in flights], axis=1)[:, :, None]
     action = action.repeat(2, axis=2).astype(np.float32)  # both drones fly it
     start = [np.stack(part).astype(np.float32) for part in zip(*map(_start, flights), strict=True)]
     fly = jax.jit(lambda start, action: jax.lax.scan(advance, start, action)[1])

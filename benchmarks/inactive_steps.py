@@ -57,20 +57,20 @@ def redrawn(run: SavedRun, rollout: Transition, key: jax.Array) -> Transition:
 def policy_step(learn: LearnConfig, learner: Learner, rollout: Transition) -> np.ndarray:
     """By how much one update moves the policy's parameters."""
     after, _ = jax.jit(
-        lambda one, flown: update_learner(learn, one, flown, DEFENDER, jax.random.key(0))
+        lambda learner, flown: update_learner(learn, learner, flown, DEFENDER, jax.random.key(0))
     )(learner, rollout)
-    flat = lambda one: np.concatenate(
-        [np.ravel(x) for x in jax.tree.leaves(policy_of(one).network)]
+    flat = lambda learner: np.concatenate(
+        [np.ravel(x) for x in jax.tree.leaves(policy_of(learner).network)]
     )
     return flat(after) - flat(learner)
 
 
 def main() -> None:
-    """Print one line for each draw and value of `learn.inactive_steps`."""
+    """Print one line for each seed and value of `learn.inactive_steps`."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--chunk", type=int, default=None)
-    parser.add_argument("--seeds", type=int, default=3, help="draws")
+    parser.add_argument("--seeds", type=int, default=3, help="random repetitions")
     given = parser.parse_args()
     run = load_run(given.run, given.chunk)
     learner = select(jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), run.state.learners), DEFENDER)
@@ -85,7 +85,7 @@ def main() -> None:
             a, b = (policy_step(learn, learner, flown) for flown in (rollout, other))
             cosine = float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
             print(
-                f"draw {seed}: down {share:.2f}, inactive_steps {steps:<5} cosine {cosine:.4f}",
+                f"seed {seed}: down {share:.2f}, inactive_steps {steps:<5} cosine {cosine:.4f}",
                 flush=True,
             )
 

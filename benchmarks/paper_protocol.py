@@ -103,7 +103,7 @@ def planted(weaker: float, seeds: int, seed: int) -> TournamentResult:
         for role in SIDES
     )  # fmt: skip
     strength = np.repeat(rng.normal(0.0, SEED_SD, len(METHODS) * seeds), CHUNKS)
-    weakness = np.asarray([weaker * (one.method == METHODS[1]) for one in attackers])
+    weakness = np.asarray([weaker * (entrant.method == METHODS[1]) for entrant in attackers])
     chance = rng.random((len(defenders), len(attackers), ELO_EPISODES))
     won = chance < expit((strength[:, None] + weakness) / POINTS)[..., None]
     cause = np.where(won, Cause.INTERCEPT, Cause.REACHED).astype(np.int8)

@@ -21,7 +21,6 @@ from dronecombat_jax.types import (
     ACTION_SIZE,
     ATTACKER,
     DEFENDER,
-    NUM_AGENTS,
     NUM_SIDES,
     OBSERVATION_SIZE,
     Learner,
@@ -33,7 +32,9 @@ Piece = tuple[Callable[..., Any], tuple]  # a function, and what to call it with
 def physics(combat: Combat) -> Piece:
     """A rollout's substeps, and nothing else."""
     config, fly_one = combat.config, build_step(combat.config.sim, combat.scene)
-    start = jax.vmap(combat.spawn)(combat.draw(jax.random.key(0), (config.train.num_envs,)))
+    start = jax.vmap(combat.spawn)(
+        combat.start_numbers(jax.random.key(0), (config.train.num_envs,))
+    )
 
     def fly(qpos: jax.Array, qvel: jax.Array, actions: jax.Array) -> Any:
         step = lambda carry, action: (jax.vmap(fly_one)(carry[0], carry[1], action), carry)
@@ -59,7 +60,7 @@ def learning(combat: Combat) -> Piece:
     often as in training.
     """
     learners, key = _learners(combat), jax.random.key(1)
-    env = jax.vmap(combat.spawn)(combat.draw(key, (combat.config.train.num_envs,)))
+    env = jax.vmap(combat.spawn)(combat.start_numbers(key, (combat.config.train.num_envs,)))
     policies = policy_of(select(learners, DEFENDER)), policy_of(select(learners, ATTACKER))
     rollout = jax.eval_shape(lambda env: collect(combat, policies, env, key, key)[1], env)
     fill = lambda leaf: _fill(key, leaf)
@@ -97,7 +98,12 @@ def _learners(combat: Combat) -> Learner:
 
 def _normal(combat: Combat, width: int) -> jax.Array:
     """[T, N, A, width]."""
-    shape = (combat.config.learn.rollout_steps, combat.config.train.num_envs, NUM_AGENTS, width)
+    shape = (
+        combat.config.learn.rollout_steps,
+        combat.config.train.num_envs,
+        len(combat.config.game.sides),
+        width,
+    )
     return jax.random.normal(jax.random.key(0), shape)
 
 

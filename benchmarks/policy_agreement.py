@@ -61,7 +61,7 @@ def observations(run, pair) -> np.ndarray:
             policy_pilot(run.config.learn, policy, role) for role, policy in enumerate(pair)
         )
         flown = record(run.combat, defender, attacker, start, fight_key)
-        see = lambda one, qpos, qvel: run.combat.observe(one.replace(qpos=qpos, qvel=qvel))
+        see = lambda state, qpos, qvel: run.combat.observe(state.replace(qpos=qpos, qvel=qvel))
         return jax.vmap(lambda qpos, qvel: jax.vmap(see)(start, qpos, qvel))(flown.qpos, flown.qvel)
 
     return np.asarray(jax.jit(fly)(pair, jax.random.key(0)))

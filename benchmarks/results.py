@@ -123,8 +123,8 @@ def derive(record: dict[str, Any]) -> dict[str, Any]:
     }
     ratios = {}
     for name, value, least in TARGETS:
-        found = _known(rounds, {name: lambda r, value=value: value(r, size)})
-        ratios |= {key: {"least": least, **spread} for key, spread in found.items()}
+        spreads = _known(rounds, {name: lambda r, value=value: value(r, size)})
+        ratios |= {key: {"least": least, **spread} for key, spread in spreads.items()}
     return {
         "rates": values,
         "floors": _known(rounds, floors),
@@ -135,13 +135,13 @@ def derive(record: dict[str, Any]) -> dict[str, Any]:
 
 def _known(rounds: list[Rates], figures: dict[str, Callable[[Rates], float]]) -> dict[str, Any]:
     """The spread of every figure for which all parts were measured."""
-    found = {}
+    spreads = {}
     for name, value in figures.items():
         try:
-            found[name] = summary([value(rates) for rates in rounds])
+            spreads[name] = summary([value(rates) for rates in rounds])
         except KeyError:
             continue
-    return found
+    return spreads
 
 
 def _splits(record: dict[str, Any]) -> dict[str, Any]:

@@ -125,9 +125,9 @@ def measure(
     name: str, size: Size, value: int, repetitions: int, cache: Path | None = None
 ) -> dict[str, Any]:
     """One size: rates of its programs, seconds to compile, peak memory; or why it was left out."""
-    sweep, there = SWEEPS[name], machine_bytes()
+    sweep, memory = SWEEPS[name], machine_bytes()
     say(f"{sweep.title}: {value}")
-    if there is not None and value * sweep.mib_each * 2**20 > 0.8 * there:
+    if memory is not None and value * sweep.mib_each * 2**20 > 0.8 * memory:
         return {"value": value, "left_out": "would not fit into this machine's memory"}
     try:
         with Worker(sweep.part, sweep.sized(size, value), cache) as worker:
@@ -139,7 +139,7 @@ def measure(
     return {
         "value": value,
         **ready,
-        "rates": {key: summary([one[key] for one in rates]) for key in rates[0]},
+        "rates": {key: summary([rate[key] for rate in rates]) for key in rates[0]},
     }
 
 

@@ -71,15 +71,19 @@ def table(fights: int, seed: int, preset: str, uniform: bool) -> None:
     print("|---|---|" + "---|" * len(columns))
     for index, names in enumerate(pairs):
         rows = which == index
-        told = summary(
+        counted = summary(
             combat.config, FightResult(result.cause[rows], result.steps[rows], result.down[rows])
         )
-        shares = [told["cause"]["intercept"], told["cause"]["reached"], *told["crash"].values()]
-        shares.append(told["cause"]["timeout"])
+        shares = [
+            counted["cause"]["intercept"],
+            counted["cause"]["reached"],
+            *counted["crash"].values(),
+        ]
+        shares.append(counted["cause"]["timeout"])
         cells = [
             f"{100 * share:.1f} [{100 * low:.1f}, {100 * high:.1f}]" for share, low, high in shares
         ]
-        print(f"| {' | '.join(names)} | {' | '.join(cells)} | {told['seconds']['mean']:.2f} |")
+        print(f"| {' | '.join(names)} | {' | '.join(cells)} | {counted['seconds']['mean']:.2f} |")
 
 
 if __name__ == "__main__":

@@ -58,16 +58,16 @@ def environment(combat: Any, size: Size) -> Any:
         first, actions, spawns = jax.random.split(key, 3)
 
         def step(env: Any, random: tuple[jax.Array, jax.Array]) -> tuple[Any, jax.Array]:
-            action, draw = random
+            action, numbers = random
             after, output = jax.vmap(combat.step)(env, action)
             done = output.terminated | output.truncated
             choose = lambda new, old: jnp.where(done.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-            following = jax.tree.map(choose, jax.vmap(combat.spawn)(draw), after)
+            following = jax.tree.map(choose, jax.vmap(combat.spawn)(numbers), after)
             return following, output.reward.sum() + output.observation.sum()
 
-        start = jax.vmap(combat.spawn)(combat.draw(first, shape[1:]))
+        start = jax.vmap(combat.spawn)(combat.start_numbers(first, shape[1:]))
         action = jax.random.uniform(actions, (*shape, 2, 4), minval=-1.0, maxval=1.0)
-        return jax.lax.scan(step, start, (action, combat.draw(spawns, shape)))
+        return jax.lax.scan(step, start, (action, combat.start_numbers(spawns, shape)))
 
     return fly
 
@@ -83,7 +83,7 @@ def physics(combat: Any, size: Size) -> Any:
     fly_one = build_step(combat.config.sim, combat.scene)
 
     def fly(key: jax.Array) -> tuple[jax.Array, jax.Array]:
-        start = jax.vmap(combat.spawn)(combat.draw(key, (size.num_envs,)))
+        start = jax.vmap(combat.spawn)(combat.start_numbers(key, (size.num_envs,)))
         step = lambda carry, action: (jax.vmap(fly_one)(carry[0], carry[1], action), None)
         return jax.lax.scan(step, (start.qpos, start.qvel), gentle(combat, size, key))[0]
 
@@ -107,7 +107,7 @@ def plain_data(combat: Any, size: Size) -> Any:
     columns = jnp.asarray(scene.controls)
 
     def fly(key: jax.Array) -> Any:
-        start = jax.vmap(combat.spawn)(combat.draw(key, (size.num_envs,)))
+        start = jax.vmap(combat.spawn)(combat.start_numbers(key, (size.num_envs,)))
         action = gentle(combat, size, key)
         full_thrust = sim.thrust_to_weight * jnp.asarray(scene.weight, jnp.float32)
         thrust = full_thrust * (action[..., :1].squeeze(-1) + 1.0) / 2.0
@@ -115,7 +115,7 @@ def plain_data(combat: Any, size: Size) -> Any:
         control = jnp.zeros((*wrench.shape[:2], scene.full.nu)).at[..., columns].set(wrench)
 
         def step(data: Any, control: jax.Array) -> tuple[Any, None]:
-            data = jax.vmap(lambda one, ctrl: one.replace(ctrl=ctrl))(data, control)
+            data = jax.vmap(lambda state, ctrl: state.replace(ctrl=ctrl))(data, control)
             for _ in range(sim.substeps):
                 data = jax.vmap(mjx.step, in_axes=(None, 0))(model, data)
             return data, None

@@ -170,18 +170,20 @@ def _ceilings(record: dict[str, Any]) -> str:
         ]
         for name in names
     ]
-    found = [
+    blocks = [
         table((f"GFLOP/s, batch {_size(record).minibatch}", *(title for _, title in columns)), rows)
     ]
     if "memory/triad" in rates:
-        one, every = spread(rates["memory/triad-1"], ".1f"), spread(rates["memory/triad"], ".1f")
-        found.append(f"Memory, triad: {one} GB/s with one thread, {every} GB/s with one per core.")
+        single, every = spread(rates["memory/triad-1"], ".1f"), spread(rates["memory/triad"], ".1f")
+        blocks.append(
+            f"Memory, triad: {single} GB/s with one thread, {every} GB/s with one per core."
+        )
     if floors:
         listed = "; ".join(f"{name}: {spread(figure)}" for name, figure in floors.items())
-        found.append(
+        blocks.append(
             f"Floors of IPPO at {mflop_per_step(_size(record)):.2f} MFLOP a step, in steps/s: {listed}."
         )
-    return "\n\n".join(text for text in found if text)
+    return "\n\n".join(text for text in blocks if text)
 
 
 def _start(record: dict[str, Any]) -> str:

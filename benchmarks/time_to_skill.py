@@ -118,16 +118,22 @@ def train(preset: str, seed: int, share: float, sustained: int, flags: list[str]
             raise RuntimeError(
                 f"training ended (exit code {process.returncode}) without a record:\n{stderr.read()}"
             )
-    last, found = arrivals[-1], reached(arrivals, share, sustained)
+    last, arrived = arrivals[-1], reached(arrivals, share, sustained)
     return {
-        "steps": found.steps if found else None,
-        "training_seconds": found.at - compiled if found else None,
-        "seconds": found.at if found else None,
+        "steps": arrived.steps if arrived else None,
+        "training_seconds": arrived.at - compiled if arrived else None,
+        "seconds": arrived.at if arrived else None,
         "steps_per_second": last.steps / (last.at - compiled),
-        "best": max((one.hits for one in arrivals if one.hits == one.hits), default=None),
+        "best": max(
+            (arrival.hits for arrival in arrivals if arrival.hits == arrival.hits), default=None
+        ),
         "curve": [
-            [one.steps, round(one.hits, 4) if one.hits == one.hits else None, round(one.at, 2)]
-            for one in arrivals
+            [
+                arrival.steps,
+                round(arrival.hits, 4) if arrival.hits == arrival.hits else None,
+                round(arrival.at, 2),
+            ]
+            for arrival in arrivals
         ],
     }
 
@@ -145,18 +151,26 @@ def reached(arrivals: list[Arrival], share: float, sustained: int) -> Arrival | 
 def markdown(record: dict[str, Any]) -> str:
     """A row for every seed, and the medians."""
     rows = []
-    for one in record["trainings"]:
-        known = one["steps"] is not None
+    for training in record["trainings"]:
+        known = training["steps"] is not None
         cells = (
-            [f"{one['steps']:,}", f"{one['training_seconds']:.1f}", f"{one['seconds']:.1f}"]
+            [
+                f"{training['steps']:,}",
+                f"{training['training_seconds']:.1f}",
+                f"{training['seconds']:.1f}",
+            ]
             if known
             else ["never"] * 3
         )
         rows.append(
-            [f"{record['preset']}, seed {one['seed']}", *cells, f"{one['steps_per_second']:,.0f}"]
+            [
+                f"{record['preset']}, seed {training['seed']}",
+                *cells,
+                f"{training['steps_per_second']:,.0f}",
+            ]
         )
-    if len(rows) > 1 and all(one["steps"] is not None for one in record["trainings"]):
-        median = lambda key: statistics.median(one[key] for one in record["trainings"])
+    if len(rows) > 1 and all(training["steps"] is not None for training in record["trainings"]):
+        median = lambda key: statistics.median(training[key] for training in record["trainings"])
         cells = [
             f"{median('steps'):,.0f}",
             f"{median('training_seconds'):.1f}",

@@ -148,16 +148,16 @@ def measure(players: int, episodes: int, preset: str) -> dict[str, float]:
         clocks.append((time.perf_counter(), time.process_time()))
 
     fights = steps = 0
-    told, total = time.perf_counter(), players**2 * episodes
+    reported, total = time.perf_counter(), players**2 * episodes
     for harvest in play(
         Combat(config), everybody[:players], everybody[players:], Rules(episodes), compiling=timed
     ):
         fights += int(harvest.fights.sum())
         steps += sum(int(np.sum(cell.steps)) for cell in harvest.cells)
-        if time.perf_counter() - told > 30.0:
-            told = time.perf_counter()
+        if time.perf_counter() - reported > 30.0:
+            reported = time.perf_counter()
             print(
-                f"{fights:,} of {total:,} fights after {told - clocks[0][0]:.0f} s",
+                f"{fights:,} of {total:,} fights after {reported - clocks[0][0]:.0f} s",
                 file=sys.stderr,
                 flush=True,
             )

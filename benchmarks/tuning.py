@@ -101,7 +101,7 @@ def update() -> None:
     for name, forward in variants.items():
         optimize.forward_columns = forward
         program = jax.jit(
-            lambda one, all_of_it: optimize.optimize(learn, one, all_of_it, jax.random.key(0))
+            lambda state, all_of_it: optimize.optimize(learn, state, all_of_it, jax.random.key(0))
         )
         program = program.lower(learner, batch).compile()
         programs[name] = lambda program=program: program(learner, batch)

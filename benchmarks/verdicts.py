@@ -100,24 +100,24 @@ def simulate(
     rng: np.random.Generator,
 ) -> Rates:
     """Judge `comparisons` tournaments of equal methods; test as many others for equivalence."""
-    told = []
+    rates = []
     for _ in range(comparisons):
         verdict = judge(tournament(chances(situation, seeds, rng), seeds, fights, rng), METHODS)
         (answer,), panel = verdict.answers, verdict.panel
         score, new = answer.numbers.adjusted_score, answer.numbers.new_attackers
         by_plain = permutation_test(*by_method(panel, panel.plain))
         apart = tournament(chances(situation, seeds, rng, MARGIN), seeds, fights, rng)
-        told.append(
+        rates.append(
             Rates(
                 plain_yes=bool(by_plain.p_value < LEVEL),
                 yes=answer.sentence.startswith("YES"),
                 welch=score.low <= 0 <= score.high,
                 new_attackers=new[0] <= 0 <= new[1],
                 equivalent=equivalence(*points(away_panel(apart))) < LEVEL,
-                secondary=any(one.adjusted_p < LEVEL for one in answer.secondary),
+                secondary=any(other.adjusted_p < LEVEL for other in answer.secondary),
             )
         )
-    return Rates(*map(float, np.mean(told, axis=0)))
+    return Rates(*map(float, np.mean(rates, axis=0)))
 
 
 def chances(

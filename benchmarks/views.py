@@ -112,33 +112,33 @@ def scanned(step: Callable, start: Any, per_step: Any, flown: int) -> Fly:
     return fly
 
 
-def drawn(shape: tuple[int, ...]) -> np.ndarray:
+def random_actions(shape: tuple[int, ...]) -> np.ndarray:
     """Random actions in [-1, 1]."""
     return np.random.default_rng(0).uniform(-1.0, 1.0, shape).astype(np.float32)
 
 
 def core(fights: int, steps: int) -> Fly:
-    """The environment itself, as a rollout flies it: new fights are drawn before the scan."""
+    """The environment itself, as a rollout flies it: the numbers of new fights are made before the scan."""
     import jax
     import jax.numpy as jnp
 
     combat = game()
 
     def step(env: Any, inputs: tuple) -> tuple:
-        action, draws = inputs
+        action, numbers = inputs
         after, output = jax.vmap(combat.step)(env, action)
         done = output.terminated | output.truncated
         choose = lambda new, old: jnp.where(done.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-        following = jax.tree.map(choose, jax.vmap(combat.spawn)(draws), after)
+        following = jax.tree.map(choose, jax.vmap(combat.spawn)(numbers), after)
         seen = jax.vmap(combat.observe)(following)
         return following, output.reward.sum() + output.observation.sum() + seen.sum()
 
     @jax.jit
     def program(start: Any, actions: jax.Array, key: jax.Array) -> tuple:
-        return jax.lax.scan(step, start, (actions, combat.draw(key, (steps, fights))))
+        return jax.lax.scan(step, start, (actions, combat.start_numbers(key, (steps, fights))))
 
-    start = jax.vmap(combat.spawn)(combat.draw(jax.random.key(0), (fights,)))
-    actions = drawn((steps, fights, 2, 4))
+    start = jax.vmap(combat.spawn)(combat.start_numbers(jax.random.key(0), (fights,)))
+    actions = random_actions((steps, fights, 2, 4))
 
     def fly() -> int:
         jax.block_until_ready(program(start, actions, jax.random.key(1)))
@@ -161,7 +161,7 @@ def brax(fights: int, steps: int) -> Fly:
         state = env.step(state, action)
         return state, state.reward.sum() + state.obs.sum()
 
-    return scanned(step, start, drawn((steps, fights, 4)), fights * steps)
+    return scanned(step, start, random_actions((steps, fights, 4)), fights * steps)
 
 
 def jaxmarl(fights: int, steps: int) -> Fly:
@@ -182,7 +182,7 @@ def jaxmarl(fights: int, steps: int) -> Fly:
         shown = jax.tree.leaves((seen, reward, infos["final_observation"]))
         return (state, key), sum(leaf.sum() for leaf in shown)
 
-    actions = drawn((steps, fights, 2, 4))
+    actions = random_actions((steps, fights, 2, 4))
     return scanned(step, (start, jax.random.key(1)), actions, fights * steps)
 
 
@@ -192,7 +192,10 @@ def gymnasium_in(mode: str) -> Callable[[int, int], Fly]:
     def build(fights: int, steps: int) -> Fly:
         from dronecombat_jax.adapters.gymnasium_env import CombatVectorEnv
 
-        env, actions = CombatVectorEnv(game(), 1, hold, fights, mode), drawn((steps, fights, 4))
+        env, actions = (
+            CombatVectorEnv(game(), 1, hold, fights, mode),
+            random_actions((steps, fights, 4)),
+        )
         env.reset(seed=0)
 
         def fly() -> int:
@@ -211,7 +214,7 @@ def sb3(fights: int, steps: int) -> Fly:
     from dronecombat_jax.adapters.sb3_env import to_sb3  # may raise before the view is built
 
     env = to_sb3(CombatVectorEnv(game(), 1, hold, fights, "SAME_STEP"))
-    actions = drawn((steps, fights, 4))
+    actions = random_actions((steps, fights, 4))
     env.reset()
 
     def fly() -> int:
@@ -226,7 +229,7 @@ def pettingzoo(fights: int, steps: int) -> Fly:
     """One fight after the other; `fights` and `steps` say nothing here."""
     from dronecombat_jax.adapters.pettingzoo_env import CombatParallelEnv
 
-    env, actions = CombatParallelEnv(game()), drawn((ALONE, 2, 4))
+    env, actions = CombatParallelEnv(game()), random_actions((ALONE, 2, 4))
     env.reset(seed=0)
 
     def fly() -> int:

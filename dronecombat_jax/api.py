@@ -33,7 +33,8 @@ def load_config(preset: str = "duel", changes: Mapping[str, Any] | None = None) 
 
 
 def prepare(device: str = "auto", cpu_devices: int = 1) -> None:
-    """Settle what JAX and MuJoCo read from the environment; nothing where JAX is already there.
+    """Settle what JAX and MuJoCo read from the environment; does nothing where JAX is imported
+    already.
 
     The functions here that need JAX call it. `cpu_devices`: how many devices a CPU pretends to be.
     """
@@ -119,7 +120,7 @@ def tournament(
 def rate(
     policy: Path | str, *, role: str = "", fights: int = 0, allow_env_mismatch: bool = False
 ) -> "list[Rated]":
-    """How a policy stands on the ladder that comes with the package, as `dronecombat rate`.
+    """Rate a policy on the ladder that comes with the package, as `dronecombat rate`.
 
     `policy`: a policy file, a run (the newest of both sides and all seeds), `pilots:NAME` or
     `scripted:NAME`. `role`: "defender" or "attacker" alone. `fights` against each opponent; 0: as

@@ -1,8 +1,9 @@
 """Every pytree that crosses a room's border, with its axes and units.
 
-Axes, always in this order: S seeds, T time, N environments, A agents. Agents are drones; there are
-always two sides, 0 the defender's and 1 the attacker's, and today one drone on each, so a learner
-of side A learns from agent A. Learners, pools and tournaments have sides.
+Axes, always in this order: S seeds, T time, N environments, A agents. Agents are drones: all
+defenders, then all attackers (`GameConfig.sides`). There are always two sides, 0 the defender's and
+1 the attacker's; learners, pools and tournaments have sides. Where each side has one drone, side
+and agent are the same number. Lengths that depend on A are given for two drones.
 What does not live here: settings (`config`) and anything that computes.
 """
 
@@ -16,8 +17,6 @@ DEFENDER = 0
 ATTACKER = 1
 SIDES = ("defender", "attacker")  # who learns, rates and wins
 NUM_SIDES = len(SIDES)
-SIDE_OF_AGENT = (DEFENDER, ATTACKER)  # one drone a side
-NUM_AGENTS = len(SIDE_OF_AGENT)
 ACTION_SIZE = 4
 OBSERVATION_SIZE = 35
 
@@ -208,7 +207,7 @@ class UpdateMetrics(NamedTuple):
 
 
 class IterationMetrics(NamedTuple):
-    """What one iteration reports; counted are fights flown from start to end by the same two."""
+    """What one iteration reports; it counts fights that the same two flew from start to end."""
 
     causes: jax.Array  # [len(Cause)] counted fights that each `Cause` ended
     crashes: jax.Array  # [A] counted fights in which that drone had gone down
@@ -233,9 +232,7 @@ class Policy(struct.PyTreeNode):
 
 
 class Pool(struct.PyTreeNode):
-    """The past policies of one role, one slot a chunk: slot k holds the agent as it was when chunk
-    k began.
-    """
+    """The past policies of one role: slot k holds the agent as it was when chunk k began."""
 
     policies: Policy  # each leaf [K, ...]; zeros where the chunk has not begun
     # [K] fights that the live learner won against this member, ties half; old ones fade

@@ -67,7 +67,9 @@ def respond(planned: Plan) -> str:
     make_policy = each[0][0]
     stacked = [
         Point(steps, jax.tree.map(lambda *leaves: np.stack(leaves), *parameters))
-        for steps, *parameters in zip(each[0][1], *(found[2] for found in each), strict=True)
+        for steps, *parameters in zip(
+            each[0][1], *(parameters for _, _, parameters in each), strict=True
+        )
     ]
 
     def responder(parameters: Any) -> Callable[..., Any]:
@@ -116,11 +118,11 @@ def trained(combat: Any, side: int, frozen: Any, seed: int) -> tuple[Any, list[i
     wrapped: Any = functools.partial(wrap, mask_time_outs=learn.bootstrap_timeout)
     made, steps, parameters = [], [], []
 
-    def keep(step: int, make_policy: Any, found: Any) -> None:
+    def keep(step: int, make_policy: Any, current: Any) -> None:
         made[:] = [make_policy]
         if step:  # not the untrained one
             steps.append(int(step))
-            parameters.append(jax.device_get(found[:2]))
+            parameters.append(jax.device_get(current[:2]))
             print(f"seed {seed}: {step:,} steps", flush=True)
 
     mend_brax()

@@ -49,7 +49,7 @@ def main() -> None:
     read = [(label, metrics.read(folder / "metrics.jsonl")) for folder, label in runs]
     if flags.by_seed:
         read = [
-            (f"{label}/{seed}", one) for label, records in read for seed, one in by_seed(records)
+            (f"{label}/{seed}", part) for label, records in read for seed, part in by_seed(records)
         ]
     print(
         "| run | steps | intercepted | target reached | time-out | defender crashed | attacker crashed | fight |"

@@ -46,15 +46,15 @@ def of(run: Path, steps: int) -> dict[str, Any] | None:
     records = _records(run)
     late = [record for record in records if record["steps"] > 0.9 * records[-1]["steps"]]
     shares = {name: mean(late, key) for name, key in NAMES.items()}
-    found = {
+    numbers = {
         "steps": records[-1]["steps"],
         "shares": shares,
         "fights": fights(shares),
         "fights_from": fights_from(records),
         "against": against(run),
     }
-    file.write_text(json.dumps(found, indent=1) + "\n")
-    return found
+    file.write_text(json.dumps(numbers, indent=1) + "\n")
+    return numbers
 
 
 def fights(shares: dict[str, float]) -> bool:
@@ -96,12 +96,11 @@ def against(run: Path) -> dict[str, float]:
     saved = load_run(run)
     winner = np.asarray(outcome_table(saved.config.game))
 
-    def won(side: Outcome, **pilot: str) -> float:
-        result = play(saved, 0, Match(FIGHTS, **pilot))
-        return float(np.mean(winner[result.cause] == side))
+    def won(side: Outcome, match: Match) -> float:
+        return float(np.mean(winner[play(saved, 0, match).cause] == side))
 
-    found = {name: won(Outcome.ATTACKER, defender=name) for name in DEFENDERS}
-    return found | {name: won(Outcome.DEFENDER, attacker=name) for name in ATTACKERS}
+    past = {name: won(Outcome.ATTACKER, Match(FIGHTS, defender=name)) for name in DEFENDERS}
+    return past | {name: won(Outcome.DEFENDER, Match(FIGHTS, attacker=name)) for name in ATTACKERS}
 
 
 def markdown(rows: Sequence[tuple[str, str, list[dict[str, Any]]]]) -> str:
@@ -115,7 +114,8 @@ def markdown(rows: Sequence[tuple[str, str, list[dict[str, Any]]]]) -> str:
             cells += [f"{sum(run['fights'] for run in runs)} of {len(runs)}", _from(runs)]
             cells += [_spread([run["shares"][share] for run in runs]) for share in NAMES]
             cells += [
-                _spread([run["against"][one] for run in runs]) for one in (*ATTACKERS, *DEFENDERS)
+                _spread([run["against"][opponent] for run in runs])
+                for opponent in (*ATTACKERS, *DEFENDERS)
             ]
         else:
             cells += ["not run"] + [""] * (len(head) - 2)

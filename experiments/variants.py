@@ -170,7 +170,7 @@ def main() -> int:
             parser.error(f"--only {name}: no such variant in {flags.study} ({', '.join(names)})")
     root = flags.runs / study.name
     root.mkdir(parents=True, exist_ok=True)
-    chosen = [one for one in study.variants if not flags.only or one.name in flags.only]
+    chosen = [variant for variant in study.variants if not flags.only or variant.name in flags.only]
     most = max(len(variant.seeds) for variant in chosen)
     jobs = [
         (variant, variant.seeds[turn])

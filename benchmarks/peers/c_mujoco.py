@@ -2,7 +2,7 @@
 vectorised.
 
 What somebody without MJX would write; `check` compares it with our step. Only what the default
-settings play (fights end at a crash, a time-out is a draw, world observation) is in here; no
+settings play (fights end at a crash, a time-out is a tie, world observation) is in here; no
 learning.
 """
 

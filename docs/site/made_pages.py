@@ -114,8 +114,8 @@ def _cell(text: str) -> str:
 def _fill(app: Any, page: str, source: list[str]) -> None:
     to_top = "../" * page.count("/")
     lines = filled(source[0]).split("\n")
-    link = lambda found: (
-        f"[{found['tick']}docs/{found['page']}.md{found['tick']}]({to_top}{found['page']}.md)"
+    link = lambda match: (
+        f"[{match['tick']}docs/{match['page']}.md{match['tick']}]({to_top}{match['page']}.md)"
     )
     source[0] = "\n".join(
         line if line.startswith(("    ", "```", "#")) else MENTION.sub(link, line) for line in lines

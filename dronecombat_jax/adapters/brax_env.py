@@ -25,7 +25,7 @@ from dronecombat_jax.combat.scripted import Pilot
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import (
     ACTION_SIZE,
-    NUM_AGENTS,
+    NUM_SIDES,
     EnvState,
     Outcome,
     StepOutput,
@@ -38,7 +38,7 @@ class CombatEnv(Env):
 
     `done` is 1 at every end; `info["time_out"]` is 1 where time ran out on an undecided fight, as
     brax's `bootstrap_on_timeout` reads it. `info["final_observation"]` [35] is the observation
-    after the step, before any reset. `metrics` `win`, `draw` and `loss` are 1 at the step that ends
+    after the step, before any reset. `metrics` `win`, `draw` (a tie) and `loss` are 1 at the step that ends
     a fight so. `info["key"]` is there because brax's `step` is given no key.
     """
 
@@ -80,7 +80,7 @@ class CombatEnv(Env):
         return time_limit(self.combat)
 
     def reset(self, rng: jax.Array) -> State:
-        """A fight about to start, drawn from `rng`: a key, new style or old."""
+        """A fight about to start, at random by `rng`: a key, new style or old."""
         start, key = jax.random.split(_typed(rng))
         fight = self.begin(start)
         observation = self.observe(fight)
@@ -123,7 +123,7 @@ class CombatEnv(Env):
         )
 
     def begin(self, key: jax.Array) -> EnvState:
-        """A fight about to start, drawn from `key`."""
+        """A fight about to start, at random by `key`."""
         return begin(self.combat, key, self._exploring)
 
     def observe(self, fight: EnvState) -> jax.Array:
@@ -138,7 +138,7 @@ class CombatEnv(Env):
             alone = jax.tree.map(lambda leaf: leaf[None], fight)
             other = self._opponent(alone, self.combat.observe(fight)[None], key)[0]
         return (
-            jnp.zeros((NUM_AGENTS, ACTION_SIZE))
+            jnp.zeros((NUM_SIDES, ACTION_SIZE))
             .at[self.role]
             .set(action)
             .at[1 - self.role]
@@ -155,7 +155,7 @@ class CombatEnv(Env):
 
 
 class FreshStarts(Wrapper):
-    """Fights side by side, each end followed by a start newly drawn; time-outs are truncations.
+    """Fights side by side, each end followed by a new random start; time-outs are truncations.
 
     `game.random_clock` has no effect: brax evaluates through this wrapper, too, and wants whole
     fights.

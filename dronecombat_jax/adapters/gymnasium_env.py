@@ -7,7 +7,7 @@
 All fights of a vector environment are flown in one jitted call, and its results are copied to NumPy
 once a step. Fight i of seed s is the same however many fights there are, and `CombatEnv` flies fight
 0. Infos have `cause` (a `Cause`), `outcome` (1 won, 0 tied, -1 lost) and `is_success` of the fights
-that ended. What does not live here: the game (`combat`), the draws (`one_side`).
+that ended. What does not live here: the game (`combat`), starts and opponents (`one_side`).
 """
 
 from typing import Any
@@ -40,7 +40,7 @@ MAX_SEED = 2**32  # of the environment's own generator, where no seed is given
 
 
 class CombatVectorEnv(VectorEnv):
-    """N fights of a learner that flies `role`, each against an opponent of its own drawing.
+    """N fights of a learner that flies `role`, each against an opponent of its own.
 
     `autoreset_mode`: SAME_STEP begins a fight anew in the step that ends it, and keeps the end in
     `infos["final_obs"]` and `infos["final_info"]`; NEXT_STEP begins it in the following step, whose
@@ -95,7 +95,7 @@ class CombatVectorEnv(VectorEnv):
         """Begin all fights, or those of `options["reset_mask"]` [N] bool; observations [N, 35].
 
         `seed`: one for all, or one for each fight, which then is fight 0 of its seed; without it the
-        fights go on drawing where they were. Raises UserError for a mask or a list of another size.
+        fights are the next ones. Raises UserError for a mask or a list of another size.
         """
         if isinstance(seed, int):
             seed_words(seed)
@@ -130,9 +130,15 @@ class CombatVectorEnv(VectorEnv):
         self._bout, flown = self._programs.step(self.bout, given, self._over)
         flown = Flown(*(np.array(leaf) for leaf in flown))
         self._over = flown.terminated | flown.truncated
-        return flown.observation, flown.reward, flown.terminated, flown.truncated, self._told(flown)
+        return (
+            flown.observation,
+            flown.reward,
+            flown.terminated,
+            flown.truncated,
+            self._infos(flown),
+        )
 
-    def _told(self, flown: Flown) -> dict[str, Any]:
+    def _infos(self, flown: Flown) -> dict[str, Any]:
         """Infos of a step; empty where no fight ended."""
         if not self._over.any():
             return {}
@@ -220,7 +226,7 @@ class CombatEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin a fight; observation [35]. Without `seed` it goes on drawing where it was."""
+        """Begin a fight; observation [35]. Without `seed` it is the next fight of the last seed."""
         if seed is not None:
             seed_words(seed)
             super().reset(seed=seed)
@@ -245,7 +251,7 @@ class CombatEnv(gymnasium.Env):
         return self._frames.show(self.render_mode, self.bout.fight)
 
     def close(self) -> None:
-        """Give the drawing's resources back."""
+        """Give the pictures' resources back."""
         self._frames.close()
 
 

@@ -20,7 +20,7 @@ from dronecombat_jax.adapters.one_side import choose_one, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.types import ACTION_SIZE, NUM_AGENTS, SIDES, EnvState
+from dronecombat_jax.types import ACTION_SIZE, NUM_SIDES, SIDES, EnvState
 
 ALL = "__all__"
 Observations = dict[str, jax.Array]
@@ -35,7 +35,7 @@ class OwnBox(NamedTuple):
     dtype: Any = jnp.float32
 
     def sample(self, key: jax.Array) -> jax.Array:
-        """A value drawn evenly; the bounds must be finite."""
+        """A random value, each alike likely; the bounds must be finite."""
         return jax.random.uniform(key, self.shape, self.dtype, self.low, self.high)
 
     def contains(self, value: jax.Array) -> jax.Array:
@@ -105,7 +105,7 @@ class CombatMultiAgentEnv(Base):
         actions: Mapping[str, jax.Array],
         reset_state: EnvState | None = None,
     ) -> tuple[Observations, EnvState, dict, dict, dict]:
-        """One control step; where it ends the fight, `reset_state`, or a fight drawn from `key`,
+        """One control step; where it ends the fight, `reset_state`, or a random fight by `key`,
         follows.
         """
         seen, after, rewards, dones, infos = self.step_env(key, state, actions)
@@ -118,10 +118,10 @@ class CombatMultiAgentEnv(Base):
     def step_env(
         self, key: jax.Array, state: EnvState, actions: Mapping[str, jax.Array]
     ) -> tuple[Observations, EnvState, dict, dict, dict]:
-        """One control step with each agent's action [4]; does not begin anew, and draws nothing."""
+        """One control step with each agent's action [4]; does not begin anew, and nothing is random."""
         still = jnp.zeros(ACTION_SIZE)
         pair = [jnp.asarray(actions[agent]) if agent in self.agents else still for agent in SIDES]
-        assert len(pair) == NUM_AGENTS
+        assert len(pair) == NUM_SIDES
         after, output = self.combat.step(state, jnp.stack(pair))
         seen = self._by_agent(output.observation)
         over = output.terminated | output.truncated

@@ -20,7 +20,7 @@ from dronecombat_jax.types import (
     ACTION_SIZE,
     ATTACKER,
     DEFENDER,
-    NUM_AGENTS,
+    NUM_SIDES,
     SIDES,
     EnvState,
     Outcome,
@@ -37,7 +37,7 @@ class Bout(struct.PyTreeNode):
     """
 
     fight: EnvState
-    key: jax.Array  # [] what is drawn next is drawn from it, once
+    key: jax.Array  # [] the next random numbers come from it, once
     opponent: jax.Array  # [] int32, which of the opponents flies this fight
 
 
@@ -75,7 +75,7 @@ class OneSide:
 
     def both(self, bout: Bout, action: jax.Array, key: jax.Array) -> jax.Array:
         """Both sides' actions [A, 4]; the opponent draws from `key`."""
-        pair: list[jax.Array] = [action] * NUM_AGENTS
+        pair: list[jax.Array] = [action] * NUM_SIDES
         pair[1 - self.role] = self._answer(bout, key)
         return jnp.stack(pair)
 
@@ -95,11 +95,11 @@ def begin(combat: Combat, key: jax.Array, exploring: bool) -> EnvState:
     """
     if not exploring:
         return combat.reset(key)
-    return combat.explore(combat.draw_exploring(key, ()), jnp.zeros((), bool))
+    return combat.explore(combat.exploring_numbers(key, ()), jnp.zeros((), bool))
 
 
 def role_of(side: int | str) -> int:
-    """`DEFENDER` or `ATTACKER`, of either or of its name. Raises UserError for anything else."""
+    """`DEFENDER` or `ATTACKER`, given as itself or by name. Raises UserError for anything else."""
     if side in SIDES:
         return SIDES.index(side)
     if side in (DEFENDER, ATTACKER) and not isinstance(side, bool):
@@ -136,7 +136,7 @@ def scores(combat: Combat, role: int) -> np.ndarray:
 
 
 def seed_words(seed: int) -> np.ndarray:
-    """The two words [2] uint32 of a key, of a seed of any size. Raises UserError below 0."""
+    """The two words [2] uint32 of the key for a seed of any size. Raises UserError below 0."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise UserError(f"seed = {one_line(str(seed))}: a whole number from 0 on is allowed")
     return np.random.SeedSequence(seed).generate_state(2, np.uint32)

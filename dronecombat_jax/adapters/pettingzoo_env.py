@@ -30,7 +30,7 @@ from dronecombat_jax.adapters.one_side import scores, seed_words, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.types import ACTION_SIZE, NUM_AGENTS, SIDES, Cause, EnvState
+from dronecombat_jax.types import ACTION_SIZE, NUM_SIDES, SIDES, Cause, EnvState
 
 STATE_SIZE = 32
 
@@ -99,8 +99,8 @@ class CombatParallelEnv(ParallelEnv):
         of the last seed. No options are known.
         """
         if seed is not None or self._words is None:
-            drawn = int(np.random.default_rng().integers(2**63)) if seed is None else seed
-            self._words, self._episode = seed_words(drawn), 0
+            number = int(np.random.default_rng().integers(2**63)) if seed is None else seed
+            self._words, self._episode = seed_words(number), 0
         self._fight, observation = self._begin(self._words, np.uint32(self._episode))
         self._episode += 1
         self.agents = list(self.possible_agents)
@@ -142,7 +142,7 @@ class CombatParallelEnv(ParallelEnv):
         return self._frames.show(self.render_mode, self.fight)
 
     def close(self) -> None:
-        """Give the drawing's resources back."""
+        """Give the pictures' resources back."""
         self._frames.close()
 
     def _pair(self, actions: Mapping[str, Any]) -> NDArray[np.float32]:
@@ -154,7 +154,7 @@ class CombatParallelEnv(ParallelEnv):
             raise UserError(
                 f"actions of {one_line(given)}: those of {', '.join(self.agents)} are needed"
             )
-        pair = np.zeros((NUM_AGENTS, ACTION_SIZE), np.float32)
+        pair = np.zeros((NUM_SIDES, ACTION_SIZE), np.float32)
         for agent in self.agents:
             action = np.asarray(actions[agent], np.float32)
             if action.shape != (ACTION_SIZE,):

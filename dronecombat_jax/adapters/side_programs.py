@@ -27,7 +27,7 @@ class Flown(NamedTuple):
 
 
 class Programs(NamedTuple):
-    """Those of one kind of environment."""
+    """The programs of one kind of environment."""
 
     keys: Callable[..., jax.Array]  # (words [2] of a seed, N) -> [N]
     begin: Callable[[jax.Array], tuple[Bout, jax.Array]]  # keys [N] -> fights, observation [N, 35]

@@ -41,7 +41,7 @@ class OwnMap(NamedTuple):
 
 
 def own_maps(result: TournamentResult, method: str) -> list[OwnMap]:
-    """Of every seed of `method` whose own map is complete."""
+    """The own maps of `method`, one for each seed whose map is complete."""
     sides = by_training(result.defenders), by_training(result.attackers)
     maps = []
     for lineage, saved in sides[DEFENDER].items():
@@ -120,7 +120,9 @@ def own_past(result: TournamentResult, method: str) -> NDArray[np.float64]:
 
 
 def early_part(result: TournamentResult) -> TournamentResult:
-    """The tournament with trained attackers of the first half of their training alone."""
+    """The tournament with only those trained attackers that were saved in the first half of their
+    training.
+    """
     last = {lineage: saved[-1][1].chunk for lineage, saved in by_training(result.attackers).items()}
     early = sorted(
         {

@@ -57,7 +57,8 @@ class Claim(NamedTuple):
 def paper_claims(
     result: TournamentResult, own_elo: Mapping[str, NDArray[Any]], every: int = EVERY
 ) -> tuple[Claim, ...]:
-    """Decide all six, in the paper's order; none where the tournament has not both methods.
+    """Decide all six claims, in the paper's order; () where the tournament lacks one of the two
+    methods.
 
     `own_elo`: of `study.own_elo`, each run rated in its own tournament; `every`: as in
     `panel.away_panel`. A claim whose numbers nobody played is undecided, with NaN.
@@ -213,7 +214,9 @@ def _verdict(claim: Claim) -> str:
 
 
 def _p_of_the_papers_gap(claim: Claim) -> float:
-    """p-value of "the gap is PAPER_GAP", by relabelling seeds after it is taken off."""
+    """p-value of the hypothesis that the gap is PAPER_GAP: the gap is subtracted, then seeds are
+    relabelled.
+    """
     first, second = claim.values[IPPO], claim.values[SIPPO]
     if not len(first) or not len(second):
         return float("nan")

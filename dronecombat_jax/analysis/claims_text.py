@@ -55,7 +55,7 @@ def claims_markdown(claims: Sequence[Claim]) -> str:
 
 
 def claims_json(claims: Sequence[Claim]) -> list[dict[str, Any]]:
-    """The same as plain data; NaN is left for `files.plain.to_json`."""
+    """The claims as plain data; `files.plain.to_json` writes NaN as null."""
     plain = lambda values: {method: list(map(float, seeds)) for method, seeds in values.items()}
     return [{**claim._asdict(), "values": plain(claim.values)} for claim in claims]
 

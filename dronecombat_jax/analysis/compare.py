@@ -156,7 +156,7 @@ def pigeonhole_interval(
 
 
 def elo_of_score(score: NDArray[Any], fights: NDArray[Any]) -> NDArray[np.float64]:
-    """The rating above its opponents' that explains a mean `score`, points.
+    """How many points above its opponents a player must be to reach the mean `score`.
 
     Half a fight keeps 0 and 1 finite. An adjusted score may pass these ends, and counts as the end.
     """

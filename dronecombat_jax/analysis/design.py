@@ -1,4 +1,4 @@
-"""Which ratings a set of fights can tell at all: who is linked to whom, and who was never beaten.
+"""Which ratings a set of fights can determine: who is linked to whom, and who was never beaten.
 
 Players are numbered defenders first, then attackers: P = D + A.
 """

@@ -18,7 +18,7 @@ _REACH = 60.0  # units of the log-odds: beyond it lies no maximum that the prior
 
 
 class Placing(NamedTuple):
-    """A newcomer's rating in Elo points, in the gauge of those whom it met."""
+    """A newcomer's rating in Elo points, on the same scale as its opponents'."""
 
     rating: float
     low: float  # of the 95 % interval; -inf: it never scored, and nothing bounds it from below
@@ -26,7 +26,8 @@ class Placing(NamedTuple):
 
 
 def rate_newcomer(points: NDArray[Any], anchors: NDArray[Any]) -> Placing:
-    """The most likely rating of who scored `points` [N, E] against players rated `anchors` [N].
+    """The most likely rating of a newcomer that scored `points` [N, E] against players rated
+    `anchors` [N].
 
     A fight's points are 1, 1/2 or 0; fight e starts alike against all. The prior is that of
     `bradley_terry`. Interval: the ratings whose log-likelihood is within 1.92 of the best (Wilks
@@ -56,7 +57,7 @@ def rate_newcomer(points: NDArray[Any], anchors: NDArray[Any]) -> Placing:
 
 
 def spread(points: NDArray[Any], chance: NDArray[Any]) -> float:
-    """How much more the score of a start varies than that of as many fights alone; at least 1.
+    """How much more scores vary between starts than independent fights would; at least 1.
 
     `points` [N, E] of the fights, `chance` [N] of a win by the model. Starts are independent; the
     fights from one start need not be.

@@ -29,8 +29,8 @@ class Permutation(NamedTuple):
 
 @lru_cache(maxsize=4)  # a verdict asks five times for the same
 def relabellings(first: int, second: int, seed: int = 0) -> tuple[NDArray[np.bool_], bool]:
-    """Every way [R, first + second] to choose `first` of the runs (true), the given one in row 0;
-    and whether all.
+    """Every way to choose `first` of the runs, bool [R, first + second] with the given choice in
+    row 0; and whether these are all ways.
     """
     total, ways = first + second, comb(first + second, first)
     exact = ways <= LIMIT
@@ -123,8 +123,8 @@ def spread_test(first: NDArray[Any], second: NDArray[Any], seed: int = 0) -> Per
 
 
 def holm(p_values: Sequence[float]) -> NDArray[np.float64]:
-    """Adjusted p-values (Holm 1979): the family errs at most as often as the level says; NaN are no
-    members.
+    """Adjusted p-values (Holm 1979), so that the whole family errs no more often than the level;
+    NaN are left out.
     """
     values = np.asarray(p_values, float)
     adjusted = np.full(values.shape, np.nan)
@@ -152,7 +152,7 @@ def _mean_differences(labels: NDArray[Any], values: NDArray[Any]) -> NDArray[np.
 
 def _studentised(labels: NDArray[Any], cells: NDArray[Any]) -> NDArray[np.float64]:
     """|t| [R, C] with the pooled variance; 1e-3 of score is added to its root so that no cell
-    divides by nothing.
+    divides by zero.
     """
     total, count = len(cells), labels[0].sum()
     difference = _mean_differences(labels, cells)

@@ -51,8 +51,8 @@ class Protocol(NamedTuple):
 
     @property
     def by_attackers(self) -> float:
-        """What S-IPPO's attackers instead of IPPO's add to the same defenders' Elo; own pools do
-        not count.
+        """How much the same defenders' Elo rises with S-IPPO's attackers in place of IPPO's; own
+        pools do not count.
         """
         others = np.where(np.eye(len(self.runs), dtype=bool), np.nan, self.pools)
         methods = np.asarray(self.methods)
@@ -111,7 +111,7 @@ def protocol_json(protocol: Protocol) -> dict[str, Any]:
 
 
 def _lifted(result: TournamentResult, orders: int, seed: int) -> NDArray[np.float64]:
-    """[S, W] the final defender's Elo over that without weakening, of every IPPO run's own pool.
+    """The final defender's Elo minus that without weakening, [S, W], in every IPPO run's own pool.
 
     Fights are drawn from Bradley-Terry strengths fitted to the pool, by the same random numbers
     for every weakening.

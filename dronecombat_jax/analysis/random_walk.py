@@ -113,8 +113,8 @@ def random_walk_curve(
 def walk_precision(
     total: int, chains: Sequence[Timeline], width: float, prior_sd: float
 ) -> NDArray[np.float64]:
-    """Q [P, P] of the prior, in units of x; raises ValueError for a timeline that stands still or
-    shares a player.
+    """Q [P, P] of the prior, in units of x; raises ValueError for a timeline whose times do not
+    increase, or that shares a player.
     """
     precision = np.zeros((total, total))
     anchored = np.ones(total, bool)

@@ -1,4 +1,4 @@
-"""What a tournament leaves: every outcome of every cell, who took part, and the plain counts and
+"""The result of a tournament: every outcome of every cell, who took part, and the plain counts and
 rates.
 
 Ratings and statistics are pure functions of a `TournamentResult`; what plays the fights
@@ -20,8 +20,8 @@ SCRIPTED = "scripted"  # the `method` of a pilot that was not trained
 
 
 class Alias(NamedTuple):
-    """Where else a player was saved: what training left alone for a chunk is the same policy once
-    more.
+    """Another place where a player was saved: a policy that did not learn in a chunk is saved
+    again, unchanged.
     """
 
     label: str
@@ -46,7 +46,7 @@ class Entrant(NamedTuple):
 
     @property
     def lineage(self) -> str:
-        """The one training, run and seed, that made it: the unit of every statistic; "" for a
+        """The training (run and seed) that made this entrant, the unit of every statistic; "" for a
         scripted pilot.
         """
         return f"{self.run}#{self.seed}" if self.run else ""
@@ -147,7 +147,9 @@ def showings(entrants: Sequence[Entrant]) -> list[tuple[int, Entrant]]:
 
 
 def by_training(entrants: Sequence[Entrant]) -> dict[str, list[tuple[int, Entrant]]]:
-    """What each training left, by lineage: the `showings`, in order of chunk, one a chunk."""
+    """The players that each training saved, by lineage: the `showings`, in order of chunk, one for
+    each chunk.
+    """
     lineages: dict[str, dict[int, tuple[int, Entrant]]] = {}
     for index, entrant in sorted(showings(entrants), key=lambda pair: pair[1].chunk):
         if entrant.lineage:

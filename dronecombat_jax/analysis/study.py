@@ -52,7 +52,7 @@ ALL = "all entrants"
 
 
 class Effort(NamedTuple):
-    """How much is drawn at random."""
+    """How many random samples a study takes."""
 
     orders: int = 32  # of the fights, for Elo
     bootstrap: int = 400  # for the cyclic share
@@ -69,7 +69,7 @@ class Memory(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """Ratings [P] in points; NaN for whoever did not fight, and so is not rated."""
+    """Ratings [P] in points; NaN for players without fights."""
 
     rating: NDArray[np.float64]
     low: NDArray[np.float64]  # infinite where nothing bounds the rating
@@ -205,7 +205,7 @@ def _scale(ratings: Ratings, *numbers: NDArray[Any]) -> Scale:
 
 
 def memories(result: TournamentResult) -> dict[str, Memory]:
-    """By lineage, for every run that has both roles in the tournament."""
+    """The `Memory` of every run that has both roles in the tournament, by lineage."""
     memories = {}
     for run_map in run_maps(result):
         known = ~np.isnan(run_map.score)
@@ -218,8 +218,8 @@ def memories(result: TournamentResult) -> dict[str, Memory]:
 
 
 def _by_identity(part: TournamentResult) -> TournamentResult:
-    """In an order that does not depend on how the entrants were listed, and so neither does what is
-    drawn for them.
+    """The same result with its entrants sorted by identity, so that random numbers do not depend on
+    the order in which they were listed.
     """
     return select(
         part,

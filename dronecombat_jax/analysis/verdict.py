@@ -83,7 +83,7 @@ def judge(
 
 
 def sentence(comparison: Comparison, means: tuple[float, float], pairs: int = 1) -> str:
-    """The answer; `pairs` is over how many Holm's correction goes."""
+    """The answer; `pairs`: how many pairs Holm's correction covers."""
     test = f"{'exact' if comparison.exact else 'sampled'} permutation p = {comparison.adjusted_p:.2g}{' after Holm' * (pairs > 1)}"
     seeds = f"{comparison.seeds[0]} v {comparison.seeds[1]} training seeds"
     if comparison.adjusted_p < LEVEL:
@@ -160,7 +160,7 @@ def secondary(
 
 
 def _known(values: dict[str, float], runs: NDArray[Any]) -> NDArray[np.float64]:
-    """The values of `runs`, of those that have a finite one."""
+    """The finite values of `runs`."""
     known = np.asarray([values[run] for run in runs if run in values], float)
     return known[np.isfinite(known)]
 

@@ -18,11 +18,10 @@ import numpy as np
 from dronecombat_jax.arena.match import AnyPilot, advance, as_pilot, no_result
 from dronecombat_jax.arena.players import Kind
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.observe import OBSERVATIONS
+from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.scripted import PILOTS, build_pilot, one_per_fight
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
-from dronecombat_jax.config.own import chosen
 from dronecombat_jax.learn.memory import with_recall
 from dronecombat_jax.learn.rollout import policy_step, recalled
 from dronecombat_jax.types import (
@@ -36,7 +35,7 @@ from dronecombat_jax.types import (
     Policy,
 )
 
-STARTS, NOISE = 0, 1  # what the tournament's seed is drawn on for
+STARTS, NOISE = 0, 1  # what the tournament's seed is used for
 
 
 class Layout(NamedTuple):
@@ -141,7 +140,7 @@ def fight_key(seed: jax.Array, words: jax.Array, episode: jax.Array) -> jax.Arra
     """The key of one stochastic fight: of the seed, `words` [4] of both players, and the episode,
     and of nothing else.
 
-    As the key of `match.fight` for this fight alone it gives the same draws.
+    As the key of `match.fight` for this fight alone it gives the same random numbers.
     """
     key = jax.random.fold_in(jax.random.key(seed), NOISE)
     for number in (*words, episode):
@@ -180,10 +179,10 @@ def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | 
 
 
 def _seeing(combat: Combat, observation: str, pilot: Act) -> Act:
-    """The same pilot, shown the layout `observation` in place of the game's own ("": that one)."""
+    """The pilot, shown the layout `observation` in place of the game's own; "": the game's own."""
     if not observation:
         return pilot
-    layout = chosen(OBSERVATIONS, observation)
+    layout = layout_of(observation, combat.config.game)
     look = jax.vmap(lambda state: see(combat.config, layout, state))
 
     def act(state: EnvState, _: jax.Array, key: jax.Array) -> Remembered:
@@ -193,7 +192,7 @@ def _seeing(combat: Combat, observation: str, pilot: Act) -> Act:
 
 
 def _policies(kind: Kind, policies: Policy, side: Side, role: int, keys: jax.Array | None) -> Act:
-    """Every lane's policy, flown block by block; drawn with `keys` [L]."""
+    """Every lane's policy, flown block by block; `keys` [L] make the random actions."""
     learn = LearnConfig(normalize_observations=kind.normalize)
 
     def act(state: EnvState, observation: jax.Array, _: jax.Array) -> Remembered:
@@ -213,8 +212,8 @@ def _policies(kind: Kind, policies: Policy, side: Side, role: int, keys: jax.Arr
 
 
 def _noise(role: int, key: jax.Array, clock: jax.Array) -> jax.Array:
-    """What `match.fight` of one fight alone draws for the policy of `role` in the step after
-    `clock`: [4].
+    """The random numbers [4] of `match.fight` of one fight alone for the policy of `role` in the
+    step after `clock`.
     """
     return jax.random.normal(
         jax.random.split(jax.random.fold_in(key, clock), NUM_SIDES)[role], (1, ACTION_SIZE)

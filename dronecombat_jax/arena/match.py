@@ -44,7 +44,7 @@ AnyPilot = Pilot | Remembering
 def policy_pilot(
     learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False
 ) -> AnyPilot:
-    """Fly `policy` as `role`: its mean action, or a draw from it.
+    """Fly `policy` as `role`: its mean action or, `stochastic`, a random action.
 
     Its log-std is taken as it is: `policies.file.as_flown` puts it into its bounds.
     """
@@ -76,7 +76,7 @@ def ready(start: EnvState, *pilots: AnyPilot) -> EnvState:
 
 def start_fights(combat: Combat, key: jax.Array, num_fights: int) -> EnvState:
     """The start states [E, ...] of a match; the same key gives the same fights to every pair."""
-    return jax.vmap(combat.spawn)(combat.draw(key, (num_fights,)))
+    return jax.vmap(combat.spawn)(combat.start_numbers(key, (num_fights,)))
 
 
 def fight(

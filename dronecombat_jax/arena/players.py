@@ -11,7 +11,11 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.scripted import PILOTS
+from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.learn.memory import memory_size
 from dronecombat_jax.types import Policy
 
@@ -76,6 +80,23 @@ def scripted_numbers(players: Sequence[Player], role: int) -> NDArray[np.int32]:
         [names.index(player.pilot) if isinstance(player.pilot, str) else -1 for player in players],
         np.int32,
     )
+
+
+def refuse_other_shape(label: str, pilot: Policy | str, config: Config, layout: str = "") -> None:
+    """Raise UserError 3 where a policy sees more or fewer numbers than the game of `config` shows.
+
+    `layout`: the observation that it is shown, where that is not the game's own.
+    """
+    if isinstance(pilot, str):
+        return
+    wanted = pilot.observation_scaler.mean.shape[-1]
+    name = layout or config.game.observation
+    if wanted != (shown := layout_of(name, config.game).size):
+        raise UserError(
+            f"{one_line(label)} sees {wanted} numbers, and observation {one_line(name)} of this game "
+            f"has {shown}: it cannot fly here",
+            EXIT_DATA,
+        )
 
 
 def content_words(identity: str) -> NDArray[np.uint32]:

@@ -48,8 +48,8 @@ def play(
     entered to compile.
     """
     wanted = np.ones((len(defenders), len(attackers)), bool) if wanted is None else wanted
-    draw = jax.jit(lambda seed: start_states(combat, seed, rules.episodes))
-    starts = jax.device_get(draw(np.uint32(rules.seed)))
+    begin = jax.jit(lambda seed: start_states(combat, seed, rules.episodes))
+    starts = jax.device_get(begin(np.uint32(rules.seed)))
     for rows, columns in _rectangles(defenders, attackers, wanted):
         sides = [defenders[row] for row in rows], [attackers[column] for column in columns]
         cells = wanted[np.ix_(rows, columns)]

@@ -101,7 +101,7 @@ class Schedule:
         return begin
 
     def blocks(self, role: int) -> Blocks:
-        """Group the busy lanes by player, those that sit in blocks."""
+        """Group the busy lanes that sit in blocks by player."""
         layout, player = self.layout, self.player[role]
         lanes = np.flatnonzero((player != NOBODY) & self._grouped[role][player])
         lanes = lanes[np.argsort(player[lanes], kind="stable")]

@@ -17,6 +17,7 @@ from dronecombat_jax.cli.play import play
 from dronecombat_jax.cli.rate import rate
 from dronecombat_jax.cli.replay import replay
 from dronecombat_jax.cli.reproduce import reproduce
+from dronecombat_jax.cli.robustness import robustness
 from dronecombat_jax.cli.runs import evaluate, export
 from dronecombat_jax.cli.tournaments import compare, report, tournament
 from dronecombat_jax.cli.train import train
@@ -34,6 +35,7 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "tournament": tournament,
     "report": report,
     "compare": compare,
+    "robustness": robustness,
     "reproduce": reproduce,
     "replay": replay,
     "pilots": pilots,

@@ -27,9 +27,9 @@ SPHERE = "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldb
 class Failed(Exception):
     """A check's verdict: what was found, and the remedy."""
 
-    def __init__(self, found: str, fix: str):
-        super().__init__(found)
-        self.found, self.fix = found, fix
+    def __init__(self, finding: str, fix: str):
+        super().__init__(finding)
+        self.finding, self.fix = finding, fix
 
 
 def doctor() -> int:
@@ -74,7 +74,7 @@ def _report(name: str, check: Callable[[], str]) -> bool:
         print(f"{name:12} ok    {check()}", flush=True)
         return True
     except Failed as verdict:
-        finding, fix = verdict.found, verdict.fix
+        finding, fix = verdict.finding, verdict.fix
     except UserError as error:
         finding, _, fix = error.message.partition(" Fix: ")
     except Exception as error:  # a broken installation raises anything
@@ -141,7 +141,7 @@ def _physics() -> str:
 
 
 def _rendering() -> str:
-    """The scene is drawn, by the means with which a run draws its fights."""
+    """The scene can be drawn as a run draws its fights."""
     import numpy as np
 
     from dronecombat_jax.config.fields import SimConfig

@@ -126,7 +126,9 @@ def _report(tournament: Path) -> int:
 
 
 def _anywhere(config: Config) -> Config:
-    """The settings without where they are computed and kept, which may change between two steps."""
+    """The settings without those that say where a run is computed and kept: these may change
+    between two steps.
+    """
     return replace(config, run=replace(config.run, device="auto", directory="runs"))
 
 

@@ -8,8 +8,8 @@ import os
 
 
 def rate_on_one_core() -> None:
-    """Ratings solve small systems: OpenBLAS's second thread waits a hundred times their length on a
-    busy machine.
+    """Use one thread for ratings: their systems are small, and on a busy machine OpenBLAS's second
+    thread waits a hundred times longer than it computes.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy is imported
 

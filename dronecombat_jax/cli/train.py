@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from dronecombat_jax.config import flags, settings
+from dronecombat_jax.config import body_file, flags, settings
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import SIDES
 from dronecombat_jax.config.schema import settings_of, shown
@@ -76,7 +76,9 @@ def train(args: Sequence[str]) -> int:
     from dronecombat_jax.machine.start import prepare_training
 
     prepare_training(config)
-    if config.sim.mjcf:  # what cannot be flown is said before there is a folder
+    if config.sim.mjcf or body_file.is_file(
+        config.sim.body
+    ):  # what cannot be flown is said before there is a folder
         from dronecombat_jax.sim.scene import load_scene
 
         load_scene(config.sim)

@@ -61,7 +61,7 @@ def airframe(config: Config, scene: Scene, role: int) -> Airframe:
     most = sim.thrust_to_weight * gravity
     if not ideal:
         # as a float32, whose square `attainable` may subtract from itself
-        most = full_thrust(sim, float(scene.weight[role])) / float(scene.mass[role])
+        most = full_thrust(sim, scene, role) / float(scene.mass[role])
         most = float(np.float32(most))
     inertia = jnp.asarray(scene.inertia[role], jnp.float32)
     inwards, outwards = principal_axes(scene, role)

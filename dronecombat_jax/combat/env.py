@@ -12,31 +12,30 @@ from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.observe import observation_of, whole_of
 from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import detect, forfeit, timeout_decides
-from dronecombat_jax.combat.sensors import first_memory, remembered, see
+from dronecombat_jax.combat.sensors import first_memory, refuse_unlimited, remembered, see
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.machine import jax_variables
 from dronecombat_jax.sim.craft import (
     CraftStep,
     build_craft_step,
-    num_draws,
+    num_random,
     spawn_craft,
 )
 from dronecombat_jax.sim.flight import Step, build_step, split
 from dronecombat_jax.sim.scene import Scene, load_scene
-from dronecombat_jax.types import NUM_AGENTS, Cause, EnvState, StepOutput
+from dronecombat_jax.types import Cause, EnvState, StepOutput
 
-# Start positions of defender, attacker and target in m; the altitudes are drawn.
+# Start positions of defender, attacker and target in m; the altitudes are random.
 START = ((0.0, 5.0), (0.0, 0.0), (5.0, 5.0))
+TARGET = 2  # its row
 ARENA_HALF_WIDTH = 5.0
-POSITION_DRAWS = 9  # three positions
-VELOCITY_DRAWS = 4  # two drones over ground
 
 # A body state beyond this is a diverged simulation: no drone gets there in one episode.
 MAX_COORDINATE = 1e4
 
 
 class Combat:
-    """One fight between two drones. Holds the scene and the settings; every method is pure.
+    """One fight between drones of two sides. Holds the scene and the settings; every method is pure.
 
     `reset` and `step` act on one environment; use `jax.vmap` for many and `jax.jit` around it.
     """
@@ -44,10 +43,17 @@ class Combat:
     def __init__(self, config: Config, scene: Scene | None = None):
         jax_variables.require_float32()
         self.config = config
-        self.scene = scene or load_scene(config.sim)
+        self.sides = config.game.sides  # of each drone
+        self.scene = scene or load_scene(config.sim, sides=self.sides)
         self.game = game_of(config)
         self.observation = observation_of(config)
+        refuse_unlimited(config, self.observation)
         self.whole = whole_of(config)
+
+    @property
+    def _position_numbers(self) -> int:
+        """How many numbers the positions of all drones and of the target take."""
+        return 3 * (len(self.sides) + 1)
 
     @cached_property
     def _fly(self) -> Step:
@@ -64,91 +70,91 @@ class Combat:
         with jax.ensure_compile_time_eval():
             return build_craft_step(self.config.sim, self.scene)
 
-    def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    def start_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """Uniform numbers `[*shape, 9]` in [0, 1), enough to `spawn` that many fights.
 
-        More where something of the drones is drawn, too (`sim.craft.num_draws`); the positions are
+        More where the drones' numbers are random, too (`sim.craft.num_random`); the positions are
         the same with and without.
         """
-        return self._drawn(key, shape, POSITION_DRAWS)
+        return self._numbers(key, shape, self._position_numbers)
 
-    def draw_exploring(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+        """`start_numbers` by its name in version 0.1.0."""
+        return self.start_numbers(key, shape)
+
+    def exploring_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """The same for `explore`: 4 more at the end, where exploring starts are on."""
         moving = self.config.train.start_speed > 0.0
-        return self._drawn(key, shape, POSITION_DRAWS + moving * VELOCITY_DRAWS)
+        return self._numbers(key, shape, self._position_numbers + moving * 2 * len(self.sides))
 
-    def spawn(self, draws: jax.Array) -> EnvState:
-        """A fight about to start, from `draws` of `draw`.
+    def spawn(self, numbers: jax.Array) -> EnvState:
+        """A fight about to start, from the `numbers` [K] that `start_numbers` gives for it.
 
         In `solo` the attacker flies alone; the defender stands still at its start and takes no
         part.
         """
         game = self.config.game
-        craft = spawn_craft(self.config, self.scene, draws[POSITION_DRAWS:])
+        craft = spawn_craft(self.config, self.scene, numbers[self._position_numbers :])
         if craft is not None:
-            draws = draws[:POSITION_DRAWS]
-        draws = draws.reshape(3, 3)
-        altitude = game.spawn_altitude_low + draws[:, 2] * (
+            numbers = numbers[: self._position_numbers]
+        numbers = numbers.reshape(-1, 3)
+        places = (*self.sides, TARGET)
+        altitude = game.spawn_altitude_low + numbers[:, 2] * (
             game.spawn_altitude_high - game.spawn_altitude_low
         )
-        offset = 2.0 * draws[:, :2] - 1.0
-        spread = [
-            [max(game.spawn_spread, game.defender_spread)],
-            [game.spawn_spread],
-            [game.spawn_spread],
-        ]
-        plane = jnp.asarray(START) + jnp.asarray(spread) * offset
+        offset = 2.0 * numbers[:, :2] - 1.0
+        spreads = max(game.spawn_spread, game.defender_spread), game.spawn_spread, game.spawn_spread
+        spread = [[spreads[place]] for place in places]
+        plane = jnp.asarray([START[place] for place in places]) + jnp.asarray(spread) * offset
         if game.spawn == "uniform":
             plane = ARENA_HALF_WIDTH * offset
         positions = jnp.concatenate([plane, altitude[:, None]], axis=-1)
         level = jnp.asarray([1.0, 0.0, 0.0, 0.0])
-        pose = jnp.concatenate(
-            [positions[:NUM_AGENTS], jnp.broadcast_to(level, (NUM_AGENTS, 4))], axis=-1
-        )
+        drones = len(self.sides)
+        pose = jnp.concatenate([positions[:drones], jnp.broadcast_to(level, (drones, 4))], axis=-1)
         state = EnvState(
             qpos=pose.reshape(-1),
-            qvel=jnp.zeros(6 * NUM_AGENTS),
-            target=positions[NUM_AGENTS],
+            qvel=jnp.zeros(6 * drones),
+            target=positions[drones],
             clock=jnp.zeros((), jnp.int32),
             down=self.game.absent,
             craft=craft,
         )
         return first_memory(self.config.sensor, state)
 
-    def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
-        """A fight about to start in training, from `draws` of `draw_exploring`; `alone` [] bool:
-        the defender is absent.
+    def explore(self, numbers: jax.Array, alone: jax.Array) -> EnvState:
+        """A fight about to start in training, from the `numbers` of `exploring_numbers`; `alone` []
+        bool: the defender is absent.
 
         Up to `train.start_speed` m/s along x and along y, each drone already moves: exploring
         starts (Sutton and Barto, section 5.3). The fights that count, in evaluations and
         tournaments, `spawn` at rest.
         """
-        spawning = POSITION_DRAWS + num_draws(self.config)
-        state = self.spawn(draws[:spawning])
+        spawning = self._position_numbers + num_random(self.config)
+        state = self.spawn(numbers[:spawning])
         state = state.replace(down=state.down | jnp.stack([alone, jnp.zeros((), bool)]))
         if self.config.train.start_speed == 0.0:
             return state
         over_ground = self.config.train.start_speed * (
-            2.0 * draws[spawning:].reshape(NUM_AGENTS, 2) - 1.0
+            2.0 * numbers[spawning:].reshape(-1, 2) - 1.0
         )
         over_ground = jnp.where(state.down[:, None], 0.0, over_ground)
-        state = state.replace(
-            qvel=state.qvel.reshape(NUM_AGENTS, 6).at[:, :2].set(over_ground).reshape(-1)
-        )
+        state = state.replace(qvel=state.qvel.reshape(-1, 6).at[:, :2].set(over_ground).reshape(-1))
         return first_memory(self.config.sensor, state)
 
     def reset(self, key: jax.Array) -> EnvState:
-        """A fight about to start, drawn from `key`."""
-        return self.spawn(self.draw(key, ()))
+        """A fight about to start, at random by `key`."""
+        return self.spawn(self.start_numbers(key, ()))
 
-    def _drawn(self, key: jax.Array, shape: tuple[int, ...], count: int) -> jax.Array:
+    def _numbers(self, key: jax.Array, shape: tuple[int, ...], count: int) -> jax.Array:
         """Uniform numbers `[*shape, count]`, with those of the drones after the positions."""
-        draws = jax.random.uniform(key, (*shape, count))
-        if more := num_draws(self.config):
+        numbers = jax.random.uniform(key, (*shape, count))
+        if more := num_random(self.config):
             others = jax.random.uniform(jax.random.fold_in(key, 1), (*shape, more))
-            parts = draws[..., :POSITION_DRAWS], others, draws[..., POSITION_DRAWS:]
-            draws = jnp.concatenate(parts, axis=-1)
-        return draws
+            first = self._position_numbers
+            parts = numbers[..., :first], others, numbers[..., first:]
+            numbers = jnp.concatenate(parts, axis=-1)
+        return numbers
 
     def observe(self, state: EnvState) -> jax.Array:
         """Observation [A, 35] of the state (eq. 5), as the sensors give it."""
@@ -216,5 +222,7 @@ def _sane(values: jax.Array) -> jax.Array:
 
 
 def _tame(qpos: jax.Array) -> jax.Array:
-    """The same where it is sane, 0 elsewhere; only a state that was broken from outside is changed."""
+    """The values where they are sane, 0 elsewhere; this changes only a state that was broken from
+    outside.
+    """
     return jnp.where(jnp.abs(qpos) < MAX_COORDINATE, qpos, 0.0)

@@ -25,6 +25,7 @@ ENVIRONMENT_VERSION = 1
 _LATER = {
     "game.spawn_spread": 0.0,
     "game.defender_spread": 0.0,
+    "game.nearest_k": 2,
     "sim.actuation": "wrench",
     "sim.drag": False,
     "sim.gust_speed": 0.0,
@@ -38,7 +39,7 @@ _LATER = {
 _TRAINING_ONLY = ("game.random_clock",)
 # Where a scene's file lies. What it says is in the keys of `scene.`: moved, it is the same game.
 _PLACES = ("sim.mjcf",)
-SCENE = "scene."
+SCENE, ROTORS = "scene.", "rotors."
 # Sections whose settings a policy meets.
 _MET = ("sim.", "game.", "defender.", "attacker.", "randomise.", "sensor.")
 
@@ -51,11 +52,14 @@ def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
     the package's own. `scene`: as it was loaded for `config`; without it the MJCF is
     read anew. Raises UserError where it cannot be.
     """
-    from dronecombat_jax.sim.flown import differences  # MuJoCo, which a policy file can do without
+    from dronecombat_jax.sim.bodies import named  # MuJoCo, which a policy file can do without
+    from dronecombat_jax.sim.flown import differences
     from dronecombat_jax.sim.rotors import described, flies_rotors
     from dronecombat_jax.sim.source import flown_of
 
-    values = flatten(config)
+    body = named(config.sim.body)
+    flown, rotors = (scene.flown, scene.rotors) if scene else flown_of(config.sim)
+    values = flatten(config) | {"sim.body": body}
     met = [
         key
         for key in SCHEMA
@@ -64,13 +68,12 @@ def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
         and values[key] != _LATER.get(key)
     ]
     seen = [list(field) for field in observation_of(config).fields]
-    rotors = described(config.sim.body) if flies_rotors(config.sim) else {}
     return {
         "version": ENVIRONMENT_VERSION,
         "observation_fields": seen,
         **{key: SCHEMA[key].normal(values[key]) for key in met},  # 1 and 1.0 are the same setting
-        **rotors,
-        **differences(scene.flown if scene else flown_of(config.sim), config.sim.body),
+        **(described(rotors) if rotors and flies_rotors(config.sim) else {}),
+        **differences(flown, body),
     }
 
 

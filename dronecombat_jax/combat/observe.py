@@ -1,29 +1,46 @@
-"""The observation vector of eq. 5, in two frames. Plain arrays of one fight.
+"""What each drone sees, as one vector: eq. 5 in two frames, the nearest others, or as a camera. Plain
+arrays of one fight.
 
 To add one, write a function here, name it in OBSERVATIONS with its fields, and among the choices of
-`config.GameConfig.observation`.
+`config.GameConfig.observation`. What does not live here: errors, delays and who is hidden
+(`sensors`).
 """
 
+import functools
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from dronecombat_jax.config.fields import Config
+from dronecombat_jax.combat.sight import (
+    DOWN,
+    Fields,
+    bearing_fields,
+    nearest_fields,
+    observe_bearing,
+    observe_nearest,
+)
+from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.config.own import chosen
 from dronecombat_jax.sim.rotation import conjugate, multiply, rotate, rotate_inverse
-from dronecombat_jax.types import NUM_AGENTS, Drones
+from dronecombat_jax.types import ATTACKER, DEFENDER, Drones
 
-Fields = tuple[tuple[str, int], ...]
+Observe = Callable[[Drones, jax.Array], jax.Array]  # (drones [A, ...], target [3]) -> [A, size]
 
 
 class Observation(NamedTuple):
     """What each drone sees."""
 
     fields: Fields  # name and length of each part, in order
-    observe: Callable[[Drones, jax.Array], jax.Array]  # (drones [A, ...], target [3]) -> [A, size]
+    observe: Observe
+    # The same from what is seen alone: a third argument [A, A] bool, who sees whom; everybody sees
+    # itself. None: it cannot hide anybody, and is refused with a sensor's range and the like.
+    partial: Callable[[Drones, jax.Array, jax.Array], jax.Array] | None = None
+    flagged: bool = (
+        False  # it says who is seen; a drone that is down or absent then counts as hidden
+    )
 
     @property
     def size(self) -> int:
@@ -36,8 +53,6 @@ WORLD_FIELDS = (
     ("v_d", 3), ("w_d", 3), ("v_a", 3), ("w_a", 3), ("g_d", 3), ("g_a", 3),
 )  # fmt: skip
 
-DOWN = (0.0, 0.0, -1.0)
-
 
 def observe_world(drones: Drones, target: jax.Array) -> jax.Array:
     """Observation [A, 35], the same row for both agents (eq. 5).
@@ -47,12 +62,12 @@ def observe_world(drones: Drones, target: jax.Array) -> jax.Array:
     """
     velocity = rotate_inverse(drones.quaternion, drones.velocity)
     gravity = rotate_inverse(
-        drones.quaternion, jnp.broadcast_to(jnp.asarray(DOWN), (NUM_AGENTS, 3))
+        drones.quaternion, jnp.broadcast_to(jnp.asarray(DOWN), drones.position.shape)
     )
     pose = jnp.concatenate([drones.position, drones.quaternion], axis=-1).reshape(-1)
     twist = jnp.concatenate([velocity, drones.rate], axis=-1).reshape(-1)
     row = jnp.concatenate([pose, target, twist, gravity.reshape(-1)])
-    return jnp.broadcast_to(row, (NUM_AGENTS, row.shape[0]))
+    return jnp.broadcast_to(row, (len(drones.position), row.shape[0]))
 
 
 def observe_ego(drones: Drones, target: jax.Array) -> jax.Array:
@@ -66,7 +81,7 @@ def observe_ego(drones: Drones, target: jax.Array) -> jax.Array:
     other = Drones(*(jnp.flip(field, axis=0) for field in drones))
     own = drones.quaternion
     into = lambda vector: rotate_inverse(own, vector)
-    gravity = rotate_inverse(own, jnp.broadcast_to(jnp.asarray(DOWN), (NUM_AGENTS, 3)))
+    gravity = rotate_inverse(own, jnp.broadcast_to(jnp.asarray(DOWN), drones.position.shape))
     return jnp.concatenate(
         [
             drones.position,
@@ -88,15 +103,58 @@ def observe_ego(drones: Drones, target: jax.Array) -> jax.Array:
 EGO_FIELDS = tuple(
     (name.replace("_d", "_self").replace("_a", "_other"), length) for name, length in WORLD_FIELDS
 )
-OBSERVATIONS: dict[str, Observation] = {
-    "world": Observation(WORLD_FIELDS, observe_world),
-    "ego": Observation(EGO_FIELDS, observe_ego),
+
+
+def hiding(fields: Fields, observe: Observe) -> Observation:
+    """The observation `observe` in which the numbers of a drone that is not seen are 0.
+
+    A quaternion or a gravity of 0 is no drone's, so that this tells who is hidden. A part whose name
+    ends in _d or _a is of that drone, in _other of the other drone, else of the observer itself.
+    """
+    tells = {"d": (DEFENDER, DEFENDER), "a": (ATTACKER, ATTACKER), "other": (ATTACKER, DEFENDER)}
+    itself = (DEFENDER, ATTACKER)
+    columns = [
+        tells.get(name.split("_")[-1], itself) for name, length in fields for _ in range(length)
+    ]
+    whom = np.asarray(columns).T  # [A, size], by observer
+
+    def partial(drones: Drones, target: jax.Array, seen: jax.Array) -> jax.Array:
+        known = jnp.take_along_axis(seen, jnp.asarray(whom), axis=1)
+        return jnp.where(known, observe(drones, target), 0.0)
+
+    return Observation(fields, observe, partial)
+
+
+def bearing(game: GameConfig) -> Observation:
+    """The observation of a camera: directions without distances (`sight.observe_bearing`)."""
+    look = functools.partial(observe_bearing, game.sides)
+    return Observation(bearing_fields(game.sides), look, look, flagged=True)
+
+
+def nearest(game: GameConfig) -> Observation:
+    """The `game.nearest_k` nearest team mates and opponents (`sight.observe_nearest`)."""
+    look = functools.partial(observe_nearest, game.sides, game.nearest_k)
+    return Observation(nearest_fields(game.nearest_k), look, look, flagged=True)
+
+
+# An observation, or a function that makes one for the rules of a game.
+OBSERVATIONS: dict[str, Observation | Callable[[GameConfig], Observation]] = {
+    "world": hiding(WORLD_FIELDS, observe_world),
+    "ego": hiding(EGO_FIELDS, observe_ego),
+    "bearing": bearing,
+    "nearest": nearest,
 }
 
 
 def observation_of(config: Config) -> Observation:
     """The observation that `game.observation` names."""
-    return chosen(OBSERVATIONS, config.game.observation)
+    return layout_of(config.game.observation, config.game)
+
+
+def layout_of(name: str, game: GameConfig) -> Observation:
+    """The observation `name` in a game: of OBSERVATIONS, or MODULE:NAME of one's own."""
+    entry = chosen(OBSERVATIONS, name)
+    return entry if isinstance(entry, Observation) else entry(game)
 
 
 def whole_of(config: Config) -> Observation:
@@ -104,10 +162,12 @@ def whole_of(config: Config) -> Observation:
 
     The identity is 1 at the observing drone's own number and 0 at the others'.
     """
-    world = observation_of(replace(config, game=replace(config.game, observation="world")))
+    world = layout_of("world", config.game)
 
     def observe(drones: Drones, target: jax.Array) -> jax.Array:
         seen = world.observe(drones, target)
         return jnp.concatenate([seen, jnp.eye(seen.shape[0])], axis=-1)
 
-    return Observation((*world.fields, ("identity", NUM_AGENTS)), observe)
+    count = len(config.game.sides)
+    fields = (("poses", 7 * count), ("p_t", 3), ("twists", 6 * count), ("gravities", 3 * count))
+    return Observation((*fields, ("identity", count)), observe)

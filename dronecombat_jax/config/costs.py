@@ -39,7 +39,7 @@ CUBE = 1024  # of the product that measures a core
 
 
 class Cost(NamedTuple):
-    """Of the whole experiment."""
+    """What the whole experiment costs."""
 
     trainings: Mapping[str, float]  # s, by run
     tournament: float  # s
@@ -51,7 +51,7 @@ class Cost(NamedTuple):
 
     @property
     def seconds(self) -> float:
-        """Of all steps."""
+        """Seconds for all steps."""
         return sum(self.trainings.values()) + self.tournament + self.report
 
 
@@ -105,8 +105,9 @@ def step_flops(config: Config) -> float:
 
 
 def learning_shares(config: Config) -> tuple[float, float]:
-    """How much of a run's steps defender and attacker learn from: the attacker not in a chunk
-    against a past one, the defender not in a head start nor where the attacker flies alone.
+    """The share of a run's steps that defender and attacker each learn from. The attacker does not
+    learn in a chunk in which a past attacker flies; the defender learns neither in a head start nor
+    where the attacker flies alone.
     """
     chunks = config.num_chunks
     late = 1.0 - config.head_start_chunks / chunks
@@ -115,7 +116,7 @@ def learning_shares(config: Config) -> tuple[float, float]:
 
 
 def measured_gflops(cores: int) -> float:
-    """GFLOP/s of single-precision products on all `cores`: one core's, times them.
+    """GFLOP/s of single-precision products on all `cores`: that of one core times their number.
 
     In seconds of its own: what others do on the machine now is not in it.
     """

@@ -13,16 +13,16 @@ MAX_DEVICES = 1024
 
 
 def spread(num_seeds: int, wanted: int, available: int) -> int:
-    """Devices that `num_seeds` seeds are spread over, the same number on each: `wanted`, or the
-    most (0).
+    """How many devices share `num_seeds` seeds evenly: `wanted` of them, or as many as possible
+    (0).
     """
     most = min(num_seeds, available if wanted == 0 else wanted)
     return next(count for count in range(max(most, 1), 0, -1) if num_seeds % count == 0)
 
 
 def mesh_shape(num_seeds: int, wanted: int, available: int) -> tuple[int, int]:
-    """Devices along the seeds, and along the environments of each seed: in all `wanted`, or what
-    serves best (0).
+    """The number of devices along the seeds, and along the environments of each seed: `wanted` in
+    all, or as many as help (0).
 
     Seeds come first, the same number on each device: they never wait for each other. Environments
     of one seed are spread only where more devices are asked for: on two cores one device does as

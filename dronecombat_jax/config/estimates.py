@@ -27,8 +27,8 @@ _CGROUP = Path("/sys/fs/cgroup/memory.max")
 
 
 def estimated_bytes(config: Config) -> int:
-    """Memory for training, an estimate from below: rollout, physics, one mini-batch, learners,
-    pool.
+    """A lower estimate of the memory that training needs: rollout, physics, one mini-batch,
+    learners, pool.
 
     Floats of four bytes. A transition of an agent holds two observations (the final one is kept),
     an action and ten scalars, for a central critic two whole states, too, with memory twice what is
@@ -49,8 +49,8 @@ def estimated_bytes(config: Config) -> int:
 
 
 def estimated_disk_bytes(config: Config) -> int:
-    """What a run will have written by its end: checkpoints that stay, past players, logs (an
-    estimate from below).
+    """A lower estimate of the disk space that a run takes at its end: kept checkpoints, past
+    players, logs.
     """
     train, chunks = config.train, config.num_chunks
     policy, value = _network_floats(config)
@@ -108,7 +108,7 @@ def machine_bytes() -> int | None:
 
 
 def bytes_in_words(count: int) -> str:
-    """Such as 3.2 MiB or 1,500 GiB."""
+    """A number of bytes for people, such as 3.2 MiB or 1,500 GiB."""
     if count < 2**30:
         return f"{count / 2**20:.3g} MiB"
     return f"{count / 2**30:.3g} GiB" if count < 2**40 else f"{count / 2**30:,.0f} GiB"
@@ -121,15 +121,15 @@ def _recall(config: Config) -> int:
 
 
 def _network_floats(config: Config) -> tuple[int, int]:
-    """Of one agent's policy, with its log-std, and of its value function."""
+    """How many floats one agent's policy (with its log-std) and its value function have."""
     sizes = (OBSERVATION_SIZE + _recall(config), *config.learn.hidden_sizes)
     trunk = sum((rows + 1) * columns for rows, columns in pairwise(sizes))
     return trunk + (sizes[-1] + 2) * ACTION_SIZE, trunk + sizes[-1] + 1
 
 
 def _pool_floats(config: Config, policy: int) -> int:
-    """Of the past players: every chunk's start, and with scope "environment" one in each
-    environment besides.
+    """How many floats the past players have: one player for every chunk and, with scope
+    "environment", one more in each environment.
     """
     environments = config.train.num_envs if config.selfplay.scope == "environment" else 0
     drawn = sum(

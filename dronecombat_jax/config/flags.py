@@ -27,8 +27,8 @@ def parse(
     aliases: Mapping[str, str] | None = None,
     positional: str = "",
 ) -> tuple[dict[str, Any], list[str]]:
-    """The settings of `cls` that `args` give, by dotted key, unchecked, and a line per flag it
-    lacks.
+    """The settings of `cls` that `args` give, by dotted key, unchecked; and a line for each flag
+    that does not exist.
 
     `aliases`: short flag by key. `positional`: the key given without a flag. Prints and leaves with
     SystemExit(0) for `--help`; UserError for a flag without its value.
@@ -59,14 +59,14 @@ def read(cls: type, args: Sequence[str], prog: str, *, positional: str = "") -> 
 
 
 def _value(entry: Setting, given: Any) -> Any:
-    """What argparse left: a switch, a word, or the words of a list."""
+    """The value of a flag as argparse returns it: a switch, a word, or the words of a list."""
     if isinstance(given, bool):
         return given
     return entry.from_text(tuple(given) if isinstance(given, list) else given)
 
 
 class _Parser(argparse.ArgumentParser):
-    """One line instead of the usage and an exit."""
+    """A parser that raises UserError with one line, where argparse prints its usage and exits."""
 
     def error(self, message: str) -> Any:
         name, _, fault = message.removeprefix("argument ").partition(": ")
@@ -88,7 +88,9 @@ class _Switch(argparse.Action):
 def _parser(
     cls: type, schema: dict[str, Setting], prog: str, aliases: dict[str, str], positional: str
 ) -> _Parser:
-    """Flags in groups as the sections of `cls`; what is not given leaves no trace."""
+    """The parser: one group of flags for each section of `cls`; a flag that is not given sets
+    nothing.
+    """
     place = f" {positional.upper()}" if positional else ""
     about = inspect.cleandoc(cls.__doc__ or "")
     if positional:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.sides import DUEL, Sides
 
 
 @dataclass(frozen=True)
@@ -14,7 +15,11 @@ class SimConfig:
     """Flight: one rigid body per drone, stepped by MJX."""
 
     body: Literal["isaac", "firmware", "menagerie", "p250", "upgrade", "brushless", "racer"] = (
-        setting("isaac", "mass, inertia and rotors of both drones (docs/how_to/real_drone.md)")
+        setting(
+            "isaac",
+            "mass, inertia and rotors of both drones (docs/how_to/real_drone.md)",
+            file=".toml",
+        )
     )
     actuation: Literal["wrench", "rotors", "mixed", "ctbr"] = setting(
         "wrench",
@@ -26,7 +31,7 @@ class SimConfig:
         0.0, "gusts: deviation of each component of the wind", unit="m/s", low=0.0, high=20.0
     )
     gust_time: float = setting(
-        1.0, "gusts: time in which the wind forgets itself", unit="s", low=0.01, high=100.0
+        1.0, "gusts: correlation time of the wind", unit="s", low=0.01, high=100.0
     )
     battery: float = setting(
         0.0,
@@ -96,7 +101,10 @@ class DroneConfig:
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """What policies observe of both drones; each side has errors of its own, of a normal law."""
+    """What policies observe of both drones; each side has errors of its own, of a normal law.
+
+    Range, field of view and drop-out hide the other drone: its numbers are then 0.
+    """
 
     side: Literal["both", "defender", "attacker"] = setting(
         "both", "whose policies observe so; the others observe the state itself"
@@ -113,10 +121,27 @@ class SensorConfig:
     )
     rate_noise: float = setting(0.0, "deviation of each body rate", unit="rad/s", low=0.0, high=5.0)
     bias: float = setting(
-        0.0, "what stays for a fight, drawn with this times the deviations", low=0.0, high=10.0
+        0.0,
+        "constant error of each fight; its deviation is this times those above",
+        low=0.0,
+        high=10.0,
     )
     latency: int = setting(0, "control steps before a measurement arrives", low=0, high=50)
     period: int = setting(1, "control steps from one measurement to the next", low=1, high=50)
+    range: float = setting(
+        0.0, "farther away another drone is not seen; 0: however far", unit="m", low=0.0, high=1e3
+    )
+    field_of_view: float = setting(
+        360.0,
+        "full angle about the body's x axis in which another drone is seen; 360: all round",
+        unit="degrees",
+        low=0.0,
+        high=360.0,
+        low_open=True,
+    )
+    dropout: float = setting(
+        0.0, "share of the measurements in which another drone is not seen", low=0.0, high=1.0
+    )
 
 
 @dataclass(frozen=True)
@@ -177,12 +202,22 @@ class GameConfig:
     timeout_rule: Literal["draw", "defender"] = setting(
         "draw", "who wins at time-out: nobody, or the defender (the attacker has failed)"
     )
-    observation: Literal["world", "ego"] = setting(
+    observation: Literal["world", "ego", "bearing", "nearest"] = setting(
         "world",
-        "world: eq. 5 for both agents; ego: the same in the observing drone's own frame",
+        "world: eq. 5 for both agents; ego: the same in the observing drone's own frame; bearing: of "
+        "the other drone its direction alone, as a camera gives; nearest: the nearest team mates and "
+        "opponents, in the own frame",
         own=True,
     )
+    nearest_k: int = setting(
+        2, "observation nearest: slots for team mates and for opponents, each", low=1, high=8
+    )
     random_clock: bool = setting(True, "draw the episode clock uniformly at a run's first reset")
+
+    @property
+    def sides(self) -> Sides:
+        """The side of each drone, in the order of all arrays: defenders, then attackers."""
+        return DUEL
 
 
 @dataclass(frozen=True)

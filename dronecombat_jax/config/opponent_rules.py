@@ -1,4 +1,4 @@
-"""What a table of opponents must fulfil beside the other settings, before anything is allocated.
+"""Rules for a table of opponents and the settings beside it, checked before anything is allocated.
 
 What does not live here: its spelling and its meaning (`opponents`), whether its files and pilots
 are there (`runs.opponents`). Nothing imports JAX.
@@ -28,7 +28,7 @@ _EXACT = 1e-9  # sums of shares in binary
 
 
 def misspelt(config: Config) -> list[Problem]:
-    """One problem where the table cannot be read at all: nothing else can be asked of it."""
+    """The problem of a table that cannot be read; no other rule can then be checked."""
     try:
         parse(config.selfplay.opponents)
     except ValueError as error:
@@ -37,7 +37,7 @@ def misspelt(config: Config) -> list[Problem]:
 
 
 def broken(config: Config) -> Iterator[Problem]:
-    """All rules that a table, which can be read, breaks."""
+    """All rules that a readable table breaks."""
     if not config.selfplay.opponents:
         return
     rows = parse(config.selfplay.opponents)
@@ -91,7 +91,7 @@ def _beside(config: Config, rows: tuple[Row, ...]) -> Iterator[Problem]:
 
 
 def _batches(config: Config) -> Iterator[Problem]:
-    """What each side learns from must be cut into its mini-batches."""
+    """The part of the rollout that a side learns from must divide into its mini-batches."""
     learn = config.learn
     if config.steps_per_iteration % learn.minibatches:
         return  # said already

@@ -37,12 +37,12 @@ class Row(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Such as `defender=scripted:hover`."""
+        """The row in short, such as `defender=scripted:hover`."""
         return f"{SIDES[self.side]}={self.who}"
 
     @property
     def past(self) -> bool:
-        """Whether it is drawn from the pool of past players."""
+        """Whether the opponent is drawn from the pool of past players."""
         return self.who == PAST or self.who.startswith(f"{PAST}:")
 
     @property
@@ -112,7 +112,7 @@ def _given(text: str) -> tuple[Row, ...]:
 
 
 def table(config: "Config") -> tuple[Row, ...]:
-    """All rows of a run, those that older settings spell among them; shares as numbers.
+    """All rows of a run, also those that older settings spell; shares as numbers.
 
     `train.solo_share` is a row of nobody, `selfplay.probability` one of past players (two where
     either side meets the past of the other). Nobody's row comes first, then the defender's, then
@@ -172,7 +172,7 @@ def places(config: "Config") -> tuple[Places, ...]:
 
 
 def live_part(config: "Config", side: int) -> slice:
-    """The environments in which `side` is live, and learns; empty where it is nowhere."""
+    """The environments in which `side` is live, and learns; empty where it is live in none."""
     taken = [place for place in places(config) if place.row is not None and place.row.side == side]
     stops = [place.stop for place in taken]
     if side == DEFENDER:

@@ -12,7 +12,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from dronecombat_jax.config import opponent_rules
+from dronecombat_jax.config import body_file, opponent_rules
 from dronecombat_jax.config.devices import uneven_devices
 from dronecombat_jax.config.estimates import (
     bytes_in_words,
@@ -24,6 +24,7 @@ from dronecombat_jax.config.estimates import (
 )
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.problem import Problem
+from dronecombat_jax.errors import UserError
 
 NO_WANDB = "it needs the wandb package. Fix: pip install 'dronecombat-jax[wandb]'"
 _NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{0,100}")
@@ -98,25 +99,30 @@ def disk_problems(config: Config) -> list[Problem]:
     ]
 
 
+def body_problems(config: Config) -> list[Problem]:
+    """One problem for each mistake in the file that `sim.body` names."""
+    if not body_file.is_file(config.sim.body):
+        return []
+    try:
+        body_file.read_body(config.sim.body)
+    except UserError as error:
+        return [Problem(("sim.body",), line) for line in error.message.splitlines()]
+    return []
+
+
 def _flight(config: Config) -> Iterator[Problem]:
-    if config.sim.mjcf and config.sim.body != "isaac":
+    own = body_file.is_file(config.sim.body)
+    if config.sim.mjcf and config.sim.body != "isaac" and not own:
         yield Problem(
             ("sim.body", "sim.mjcf"),
             f"sim.body = {config.sim.body} is a mass and inertia for the package's drone; "
-            "with sim.mjcf both come out of the file: leave sim.body out",
+            "with sim.mjcf both come out of the file: leave sim.body out, or name a TOML of its rotors",
         )
     yield from _actuation(config)
 
 
 def _actuation(config: Config) -> Iterator[Problem]:
     sim, ideal = config.sim, config.sim.actuation == "wrench"
-    if sim.mjcf and (not ideal or sim.drag):
-        key = "sim.drag" if ideal else "sim.actuation"
-        value = "true" if ideal else sim.actuation
-        yield Problem(
-            (key, "sim.mjcf"),
-            f"{key} = {value} needs the rotors' numbers of a sim.body; with sim.mjcf it must be left out",
-        )
     if ideal and sim.battery:
         yield Problem(
             ("sim.battery", "sim.actuation"),
@@ -154,7 +160,7 @@ def _air_and_sensors(config: Config) -> Iterator[Problem]:
 
 
 def _nothing_to_vary(config: Config) -> Iterator[Problem]:
-    """What is drawn, or differs from the nominal drone, must be there."""
+    """A setting that varies a number needs a simulation in which that number has an effect."""
     sim = config.sim
     ideal = sim.actuation == "wrench"
     absent = {"lag": ideal, "drag": not sim.drag, "battery": not sim.battery}

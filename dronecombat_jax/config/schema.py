@@ -32,6 +32,7 @@ class Setting:
     low_open: bool
     choices: tuple[str, ...]
     own: bool = False  # MODULE:NAME is a choice, too
+    file: str = ""  # a file with this suffix is a choice, too; "": none is
 
     @property
     def allowed(self) -> str:
@@ -40,6 +41,7 @@ class Setting:
             return "true or false"
         if self.kind == "choice":
             more = ", or MODULE:NAME of your own" if self.own else ""
+            more += f", or a file of your own, NAME{self.file}" if self.file else ""
             return "one of " + ", ".join(self.choices) + more
         if self.kind == "str":
             return f"text on one line, at most {MAX_TEXT} characters"
@@ -86,7 +88,10 @@ class Setting:
         return str(text)
 
     def _is_choice(self, value: str) -> bool:
-        return value in self.choices or (self.own and bool(OWN.fullmatch(value)))
+        if value in self.choices or (self.own and OWN.fullmatch(value)):
+            return True
+        name = bool(self.file) and value.endswith(self.file) and len(value) <= MAX_TEXT
+        return name and value.isprintable()
 
     def _number_fits(self, value: Any, kind: type) -> bool:
         if isinstance(value, bool) or not isinstance(value, int if kind is int else int | float):
@@ -193,6 +198,7 @@ def _setting(key: str, hint: Any, item: dataclasses.Field) -> Setting:
         data["low_open"],
         choices,
         data["own"],
+        data["file"],
     )
 
 

@@ -13,11 +13,13 @@ def setting(
     high: float | None = None,
     low_open: bool = False,
     own: bool = False,
+    file: str = "",
 ) -> Any:
     """A dataclass field with the metadata that validation, `--help` and the docs read.
 
     `low` and `high` are inclusive bounds (`low_open`: `low` itself is excluded).
-    `own`: besides the choices, MODULE:NAME of the user's own (`own`).
+    `own`: besides the choices, MODULE:NAME of the user's own (`own`). `file`: besides them, a file
+    with this suffix.
     """
     return field(
         default=default,
@@ -28,5 +30,6 @@ def setting(
             "high": high,
             "low_open": low_open,
             "own": own,
+            "file": file,
         },
     )

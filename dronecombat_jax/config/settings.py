@@ -5,15 +5,14 @@ value and what is allowed. What does not live here: the settings themselves (`fi
 one value (`schema`), rules across settings (`preflight`). Nothing imports JAX or MuJoCo.
 """
 
-import difflib
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dronecombat_jax.config import opponent_rules, opponents, preflight
+from dronecombat_jax.config import body_file, opponent_rules, opponents, preflight
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.preset_text import lines_of, syntax_error, text_of
 from dronecombat_jax.config.schema import (
@@ -25,6 +24,7 @@ from dronecombat_jax.config.schema import (
     shown,
     written,
 )
+from dronecombat_jax.config.suggest import suggestion
 from dronecombat_jax.errors import UserError
 
 SCHEMA: dict[str, Setting] = settings_of(Config)
@@ -75,8 +75,8 @@ def from_toml(text: str, source: str) -> Config:
 
 
 def checked(config: Config) -> Config:
-    """The same configuration, made by a program: checked as one that was written, and whether this
-    machine can train it. UserError.
+    """Check a configuration that a program made as `load` checks a written one, and whether this
+    machine can train it; returns it. UserError.
     """
     given = {key: Given(value, flag(key)) for key, value in flatten(config).items()}
     return _checked(given, [], check_machine=True)
@@ -89,6 +89,7 @@ def _machine_problems(config: Config) -> list[preflight.Problem]:
         *preflight.memory_problems(config),
         *preflight.disk_problems(config),
         *preflight.package_problems(config),
+        *preflight.body_problems(config),
     ]
 
 
@@ -208,47 +209,22 @@ def run_name(config: Config, preset: str | Path) -> str:
 
 
 def as_run(config: Config, preset: str | Path) -> Config:
-    """The settings as a run stores them: with its name, and with the whole path of an own MJCF.
+    """The settings as a run stores them: with its name, and with the whole paths of an own drone.
 
     So the run can be gone on with, and looked at, from any folder.
     """
-    mjcf = config.sim.mjcf and str(Path(config.sim.mjcf).expanduser().absolute())
+    whole = lambda path: str(Path(path).expanduser().absolute())
+    own: Any = whole(config.sim.body) if body_file.is_file(config.sim.body) else config.sim.body
     return replace(
         config,
         run=replace(config.run, name=run_name(config, preset)),
-        sim=replace(config.sim, mjcf=mjcf),
+        sim=replace(config.sim, mjcf=config.sim.mjcf and whole(config.sim.mjcf), body=own),
     )
 
 
 def flag(key: str) -> str:
     """The command-line spelling of a dotted key."""
     return "--" + key.replace("_", "-")
-
-
-def suggestion(word: str, known: Iterable[str]) -> str:
-    """The known name that was meant by `word`, or the names that there are."""
-    names = list(known)
-    plain = word.replace("-", "_").lower()
-    same_leaf = [name for name in names if name.split(".")[-1] == plain.split(".")[-1]]
-    close = (
-        same_leaf
-        or difflib.get_close_matches(plain, names, n=1, cutoff=0.6)
-        or _close_leaf(plain, names)
-    )
-    if close:
-        return f"did you mean {close[0]}?"
-    inside = [name for name in names if name.startswith(plain.split(".")[0] + ".")]
-    sections = list(dict.fromkeys(name.split(".")[0] for name in names))
-    return "there are: " + ", ".join(inside or sections)
-
-
-def _close_leaf(word: str, names: list[str]) -> list[str]:
-    """The closest by last part alone: a right name in a wrong or missing section."""
-    leaves = {name.split(".")[-1]: name for name in names}
-    return [
-        leaves[leaf]
-        for leaf in difflib.get_close_matches(word.split(".")[-1], leaves, n=1, cutoff=0.75)
-    ]
 
 
 def _placed(problem: preflight.Problem, given: Mapping[str, Given]) -> str:

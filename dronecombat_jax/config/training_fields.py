@@ -137,7 +137,7 @@ class SelfPlayConfig:
     )
     roles: Literal["defender", "attacker", "both"] = setting(
         "defender",
-        "who meets the past of the other: the defender (paper), the attacker, or in turn by lot both",
+        "who meets past players of the other side: the defender (paper), the attacker, or either, by lot",
     )
     sampler: Literal[
         "uniform", "latest", "delta_uniform", "pfsp_hard", "pfsp_variance", "latest_and_hard"
@@ -221,7 +221,7 @@ class RunConfig:
     name: str = setting("", "name of the run (default: method-preset)")
     directory: str = setting("runs", "folder that holds all runs")
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting(
-        "auto", "where to compute; asked for and absent is an error"
+        "auto", "where to compute; a device that is named and absent is an error"
     )
     devices: int = setting(
         0,

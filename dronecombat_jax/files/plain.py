@@ -51,7 +51,7 @@ def one_line(text: str) -> str:
 
 
 def plain_value(value: Any) -> Value:
-    """A NumPy scalar as Python's; what is none, as it is."""
+    """A NumPy scalar as Python's; any other value as it is."""
     return value.item() if isinstance(value, np.generic) else value
 
 

@@ -118,5 +118,5 @@ def _as_numpy(paths: set[str]) -> dict[str, Any]:
 
 
 def bytes_of(arrays: Arrays) -> int:
-    """Of all arrays together, without what the file system adds."""
+    """Bytes of all arrays together, without what the file system adds."""
     return sum(array.nbytes for array in arrays.values())

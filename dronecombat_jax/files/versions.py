@@ -7,7 +7,7 @@ from importlib import metadata
 
 
 def package_version() -> str:
-    """Of this package, as installed."""
+    """The version of this package, as installed."""
     try:
         return metadata.version("dronecombat-jax")
     except metadata.PackageNotFoundError:

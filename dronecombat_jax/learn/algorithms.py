@@ -43,8 +43,8 @@ def algorithm_of(learn: LearnConfig) -> Algorithm:
 
 
 def new_learner(key: jax.Array, config: Config) -> Any:
-    """One side before training, by the algorithm of `config`, which only a central critic shows
-    more than the observation's length.
+    """One side before training, by the algorithm of `config`; a central critic gets a length of its
+    own.
     """
     learn, size = config.learn, observation_of(config).size
     more = {"critic_size": whole_of(config).size} if learn.critic == "central" else {}
@@ -104,6 +104,6 @@ def _learn_if(
 
 
 def _nothing() -> UpdateMetrics:
-    """What a side reports that does not learn."""
+    """The report of a side that does not learn."""
     blank = dict.fromkeys(UpdateMetrics._fields, jnp.zeros(()))
     return UpdateMetrics(**blank | {"skipped": jnp.zeros((), jnp.int32)})

@@ -61,7 +61,9 @@ def update_learner(
     weight, value_weight = step_weights(learn, rollout, agent)
 
     def counted(leaf: jax.Array) -> jax.Array:
-        """0 where there is no weight: what stands there may be anything, such as an action of NaN."""
+        """The values that have weight, 0 elsewhere: a value without weight may be anything, such as
+        an action of NaN.
+        """
         return jnp.where(weight.reshape(*weight.shape, *[1] * (leaf.ndim - 2)) > 0.0, leaf, 0.0)
 
     seen = scaled(learn, learner.observation_scaler, observation)

@@ -124,8 +124,7 @@ def gaussian_entropy(log_std: jax.Array) -> jax.Array:
 
 
 def project_log_std(parameters: Parameters, learn: LearnConfig) -> Parameters:
-    """The same with the log standard deviation [4] moved to its nearest bound where it has left
-    them.
+    """The parameters with their log standard deviation [4] moved back to its bounds.
 
     After every gradient step, and not in the loss: a clip there has no gradient beyond a bound, so
     that a parameter could never come back.

@@ -41,8 +41,8 @@ def generalized_advantages(
 
 
 def weighted_mean(x: jax.Array, weight: jax.Array) -> jax.Array:
-    """Mean of `x` where `weight` is 1, both [...]; 0 where no weight is. What has weight 0 must be
-    finite.
+    """Mean of `x` where `weight` is 1, both [...]; 0 where every weight is 0. Values of weight 0
+    must be finite, too.
     """
     return jnp.sum(x * weight) / jnp.maximum(jnp.sum(weight), 1.0)
 

@@ -12,7 +12,6 @@ from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import normalize
 from dronecombat_jax.types import (
     ACTION_SIZE,
-    NUM_AGENTS,
     EnvState,
     Learner,
     Policy,
@@ -40,23 +39,25 @@ def collect(
 ) -> tuple[EnvState, Transition]:
     """Fly `rollout_steps` steps in every environment.
 
-    `env` leaves [N, ...]. All random numbers are drawn before the scan
-    (one call each, and XLA's CPU runtime has deadlocked on draws inside it).
+    `env` leaves [N, ...]. All random numbers are made before the scan: one call each, and XLA's
+    CPU runtime has deadlocked where a scan made them.
     """
     learn = combat.config.learn
     num_envs = env.clock.shape[0]
     alone = jnp.arange(num_envs) < combat.config.solo_envs
     steps = learn.rollout_steps
-    noise = jax.random.normal(noise_key, (steps, num_envs, NUM_AGENTS, ACTION_SIZE))
-    draws = combat.draw_exploring(spawn_key, (steps, num_envs))
+    noise = jax.random.normal(
+        noise_key, (steps, num_envs, len(combat.config.game.sides), ACTION_SIZE)
+    )
+    numbers = combat.exploring_numbers(spawn_key, (steps, num_envs))
 
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
-        noise, draw = random
+        noise, numbers = random
         observation = jax.vmap(combat.observe)(env)
         action, log_prob, recall = act(learn, policies, observation, noise, env)
         after, output = jax.vmap(combat.step)(env, action)
         done = output.terminated | output.truncated
-        start = jax.vmap(combat.explore)(draw, alone)
+        start = jax.vmap(combat.explore)(numbers, alone)
         transition = _transition(observation, action, log_prob, output, after)
         if recall is not None:
             after, start = after.replace(recall=recall), with_recall(start, recall.shape[-1])
@@ -71,7 +72,7 @@ def collect(
             transition = transition._replace(whole=look(env), final_whole=look(after))
         return following, transition
 
-    return jax.lax.scan(fly, env, (noise, draws))
+    return jax.lax.scan(fly, env, (noise, numbers))
 
 
 def act(
@@ -150,7 +151,7 @@ def scaled(learn: LearnConfig, scaler: Scaler, observation: jax.Array) -> jax.Ar
 
 
 def policy_of(learner: Learner) -> Policy:
-    """What flies, out of what learns; any leading axes."""
+    """The policy of a learner; any leading axes."""
     return Policy(learner.parameters.policy, learner.parameters.log_std, learner.observation_scaler)
 
 

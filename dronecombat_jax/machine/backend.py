@@ -163,8 +163,8 @@ def _platforms(device: str) -> str | None:
 
 
 def _prepare_xla(device: str) -> None:
-    """The CPU's widest vectors; and before jax 0.11 XLA's runtime can deadlock on two cores, and
-    cries wolf.
+    """Set XLA's flags: the CPU's widest vectors, and before jax 0.11 the scheduler that cannot
+    deadlock on two cores and a log without false alarms.
     """
     release = _release()
     if device in PLUGINS:
@@ -188,7 +188,7 @@ def _prepare_xla(device: str) -> None:
 
 
 def _release() -> tuple[int, ...]:
-    """Of jax: (0, 12)."""
+    """The release of jax as numbers, such as (0, 12)."""
     return tuple(int(part) for part in metadata.version("jax").split(".")[:2])
 
 
@@ -210,7 +210,7 @@ def cores() -> int:
 
 
 def _prepare_jax(platforms: str | None) -> None:
-    """Platforms, and the persistent cache of compiled programs, every one of them."""
+    """Set JAX's platforms, and its persistent cache for every compiled program."""
     chosen: dict[str, str | float | int] = {}
     if platforms:
         for name in DEVICE_VARIABLES:

@@ -1,4 +1,5 @@
-"""What the user's environment says to JAX: what of it is taken back, whether JAX starts with it.
+"""JAX's environment variables that the user has set: which of them are taken back, and whether JAX
+starts with the others.
 
 What does not live here: what this package itself sets (`backend`). Nothing at module level imports
 JAX, which reads its variables once, while it is imported.
@@ -40,7 +41,9 @@ HARMLESS = (
 
 
 def fix() -> None:
-    """Take back what the user has set otherwise than `FIXED`, and say so."""
+    """Take back the variables that the user has set to other values than those of `FIXED`, and say
+    so.
+    """
     for name, (value, words) in FIXED.items():
         given = os.environ.get(name)
         if given is None or given.lower() in words:
@@ -68,7 +71,8 @@ def set_by_user(ours: Mapping[str, str]) -> str:
 
 
 def require_start(ours: Mapping[str, str]) -> None:
-    """Raise UserError (exit 2) where JAX cannot be imported, has no device or draws no number.
+    """Raise UserError (exit 2) where JAX cannot be imported, has no device or makes no random
+    number.
 
     `ours`: what this package has set; the message names what the user has.
     """

@@ -60,8 +60,7 @@ def join(seconds: float) -> None:
 
 @contextmanager
 def parting() -> Iterator[None]:
-    """A block after which the processes wait for each other and part: what follows is each one's
-    own.
+    """A block after which the processes wait for each other and separate: then each goes on alone.
 
     They part as well where the block raises a UserError, which all of them do (`together`).
     """
@@ -116,8 +115,8 @@ def together() -> Iterator[None]:
 
 
 def from_first(tree: Tree) -> Tree:
-    """`tree` as the first process has it, to the bit; in the others NumPy leaves of its shapes,
-    whatever they hold.
+    """`tree` as the first process has it, bit for bit. The others hand in NumPy leaves of the same
+    shapes, whose values do not matter.
     """
     if not _joined:
         return tree

@@ -1,4 +1,4 @@
-"""By which OpenGL MuJoCo draws here without a window, and what is missing where it cannot.
+"""Which OpenGL MuJoCo uses here to draw without a window, and what is missing where it cannot.
 
 What lives here: the one choice between EGL, OSMesa and GLFW, the Debian packages, an off-screen
 context. What does not: what is drawn (`report`). Nothing at module level imports MuJoCo. It reads
@@ -36,7 +36,8 @@ class Choice(NamedTuple):
 
 
 def choose(variables: Mapping[str, str], loads: Callable[[str], bool]) -> Choice:
-    """The platform that MUJOCO_GL names, and no other; without it the first that there is.
+    """The platform that MUJOCO_GL names, and no other; where it names none, the first that this
+    machine has.
 
     These are EGL, OSMesa and, where a display is named, GLFW. `variables`: the environment's;
     `loads`: whether a shared library can be loaded.
@@ -61,7 +62,9 @@ def choose(variables: Mapping[str, str], loads: Callable[[str], bool]) -> Choice
 
 @functools.cache
 def choice() -> Choice:
-    """The choice for this process, by the environment as it first was: `settle` changes it."""
+    """The choice for this process, by the environment as it was at first: `settle` changes the
+    environment.
+    """
     return choose(os.environ, _loads)
 
 
@@ -96,7 +99,7 @@ def open_context(width: int, height: int) -> Any:
 
 
 def cannot_draw(error: Exception) -> UserError:
-    """What to raise where OpenGL has said `error`: one line with the remedy."""
+    """The error to raise after OpenGL's `error`: one line with the remedy."""
     reason = " ".join(str(error).split())[:120] or type(error).__name__
     name = choice().platform
     return UserError(f"OpenGL ({name}) does not start ({reason}). {_remedy(name)}".rstrip())

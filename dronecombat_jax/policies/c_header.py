@@ -17,13 +17,27 @@ from dronecombat_jax.types import ACTION_SIZE, Policy
 
 TESTS = 4  # observations of the self-test
 TOLERANCE = 1e-5  # of an action as flown; float32 sums depend on their order
+RUN = 16  # products in a partial sum
 _FLOATS_A_LINE = 8
 
 _CODE = """
+/* Products of two rows of `count` numbers, added up in short runs, so that few are rounded together. */
+static inline float dronecombat_product(const float *a, const float *b, int count)
+{{
+    float sum = 0.0f;
+    for (int first = 0; first < count; first += {run}) {{
+        const int end = first + {run} < count ? first + {run} : count;
+        float part = 0.0f;
+        for (int i = first; i < end; ++i) part += a[i] * b[i];
+        sum += part;
+    }}
+    return sum;
+}}
+
 /* The action [{actions}] in [-1, 1] for an observation [{inputs}] of finite numbers, in SI units. */
 static inline void dronecombat_policy(const float *observation, float *action)
 {{
-    float a[{widest}], b[{widest}];
+    DRONECOMBAT_BUFFERS float a[{widest}], b[{widest}];
     for (int i = 0; i < {inputs}; ++i) {{
 {scaling}
     }}
@@ -53,15 +67,14 @@ _SCALED = """        const float x = (observation[i] - dronecombat_mean[i]) / dr
         a[i] = fminf(fmaxf(x, -{clip}f), {clip}f);"""
 
 _LAYER = """    for (int o = 0; o < {outputs}; ++o) {{
-        float sum = dronecombat_biases_{layer}[o];
-        for (int i = 0; i < {inputs}; ++i)
-            sum += {source}[i] * dronecombat_weights_{layer}[i * {outputs} + o];
+        const float *row = dronecombat_weights_{layer} + o * {inputs};
+        const float sum = dronecombat_product({source}, row, {inputs}) + dronecombat_biases_{layer}[o];
         {target}[o] = {value};
     }}"""
 
 
 def save_c(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False) -> None:
-    """Write one policy as a header; the draw's log_std is not in it.
+    """Write one policy as a header; `log_std` is not in it.
 
     Raises UserError: 73 where `path` exists (without `force`) or the disk refuses, 2 for a policy
     with memory.
@@ -82,6 +95,7 @@ def header_of(policy: Policy, info: PolicyInfo) -> str:
         actions=ACTION_SIZE,
         widest=max(sizes),
         tests=TESTS,
+        run=RUN,
         scaling=_SCALED.format(clip=CLIP)
         if info.normalize_observations
         else "        a[i] = observation[i];",
@@ -115,7 +129,9 @@ def _opening(info: PolicyInfo) -> Iterator[str]:
     yield f"#define DRONECOMBAT_OBSERVATION_SIZE {info.layer_sizes[0]}"
     yield f"#define DRONECOMBAT_ACTION_SIZE {ACTION_SIZE}"
     yield f"#define DRONECOMBAT_CONTROL_DT {info.control_dt!r}f /* s between two calls */"
-    yield f"#define DRONECOMBAT_TOLERANCE {TOLERANCE!r}f\n"
+    yield f"#define DRONECOMBAT_TOLERANCE {TOLERANCE!r}f"
+    yield "/* Define it as static where a task's stack is small; then no two tasks may call at once. */"
+    yield "#ifndef DRONECOMBAT_BUFFERS\n#define DRONECOMBAT_BUFFERS\n#endif\n"
 
 
 def _arrays(policy: Policy, info: PolicyInfo) -> Iterator[tuple[str, np.ndarray]]:
@@ -124,7 +140,7 @@ def _arrays(policy: Policy, info: PolicyInfo) -> Iterator[tuple[str, np.ndarray]
         yield "scale", _scale(policy)
     pairs = zip(policy.network.weights, policy.network.biases, strict=True)
     for layer, (weights, biases) in enumerate(pairs):
-        yield f"weights_{layer}", np.asarray(weights)
+        yield f"weights_{layer}", np.asarray(weights).T  # [out, in]
         yield f"biases_{layer}", np.asarray(biases)
 
 
@@ -142,7 +158,7 @@ def _scale(policy: Policy) -> np.ndarray:
 
 
 def _observations(policy: Policy, info: PolicyInfo) -> np.ndarray:
-    """[TESTS, 35] about what the policy has seen, drawn anew the same each time."""
+    """Random observations [TESTS, 35] such as the policy has seen, the same each time."""
     drawn = np.random.default_rng(0).normal(size=(TESTS, info.layer_sizes[0]))
     if info.normalize_observations:
         drawn = np.asarray(policy.observation_scaler.mean) + drawn * _scale(policy)

@@ -118,7 +118,7 @@ def require_environment(
 
 
 def as_flown(policy: Policy, learn: LearnConfig) -> Policy:
-    """A policy on its way out of a run, its log-std in the bounds of `learn`, as the run draws.
+    """The policy of a run as the run flies it, with its log-std in the bounds of `learn`.
 
     Only its run knows the bounds; in older checkpoints the parameter may lie outside.
     """

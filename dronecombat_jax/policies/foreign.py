@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dronecombat_jax.combat.fingerprint import environment
-from dronecombat_jax.combat.observe import OBSERVATIONS
+from dronecombat_jax.combat.observe import observation_of
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.config.settings import to_toml
@@ -57,7 +57,7 @@ def save_network(
     if (mean is None) != (variance is None):
         raise UserError("mean and variance: give both or none", EXIT_CONFIG)
     plain = lambda array: np.asarray(array, np.float32)
-    size = OBSERVATIONS[config.game.observation].size
+    size = observation_of(config).size
     scaled = mean is not None
     moments = (mean, variance) if scaled else (np.zeros(size), np.ones(size))
     scaler = Scaler(*map(plain, (*moments, 1.0)))  # pyright: ignore

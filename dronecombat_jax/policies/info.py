@@ -10,9 +10,9 @@ import re
 from typing import Any, NamedTuple
 
 from dronecombat_jax.combat.fingerprint import canonical
-from dronecombat_jax.combat.observe import OBSERVATIONS
-from dronecombat_jax.config.fields import LearnConfig
-from dronecombat_jax.config.schema import one_line, shown
+from dronecombat_jax.combat.observe import OBSERVATIONS, Observation, layout_of
+from dronecombat_jax.config.fields import GameConfig, LearnConfig
+from dronecombat_jax.config.schema import build, one_line, shown
 from dronecombat_jax.config.settings import SCHEMA
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.types import ACTION_SIZE, SIDES
@@ -27,6 +27,7 @@ ACTION_FIELDS = {  # by `sim.actuation`
     "rotors": ("rotor_front_right", "rotor_back_right", "rotor_back_left", "rotor_front_left"),
     "ctbr": ("thrust", "rate_x", "rate_y", "rate_z"),
 }
+SHAPING = ("game.nearest_k",)  # settings of a game that its observation's size depends on
 ACTION_CLIP = 1.0  # what the game does to an action before it flies it
 _ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._+-]{0,99}")
 _WHOLE = re.compile(r"0|[1-9][0-9]{0,17}")
@@ -54,13 +55,13 @@ class PolicyInfo(NamedTuple):
 
     @property
     def observation(self) -> str:
-        """Name of the observation's layout: "world" or "ego"."""
+        """Name of the observation's layout, of `OBSERVATIONS`."""
         return self.environment["game.observation"]
 
     @property
     def observation_size(self) -> int:
         """Length of an observation."""
-        return OBSERVATIONS[self.observation].size
+        return _layout(self.environment).size
 
     @property
     def actuation(self) -> str:
@@ -102,7 +103,7 @@ def metadata_of(info: PolicyInfo) -> dict[str, str]:
         "layer_sizes": json.dumps(info.layer_sizes),
         "activation": ACTIVATION,
         "observation": info.observation,
-        "observation_fields": json.dumps(OBSERVATIONS[info.observation].fields),
+        "observation_fields": json.dumps(_layout(info.environment).fields),
         "normalize_observations": json.dumps(info.normalize_observations),
         "normalization_clip": repr(CLIP),
         "normalization_epsilon": repr(EPSILON),
@@ -123,7 +124,7 @@ def metadata_of(info: PolicyInfo) -> dict[str, str]:
 
 
 def info_of(metadata: dict[str, str]) -> PolicyInfo:
-    """The metadata of a file as data; further ones are ignored.
+    """The metadata of a file as data; unknown keys are ignored.
 
     Raises ValueError, one line, unless every value is what this version would write for the same
     policy.
@@ -163,11 +164,17 @@ def _layer_sizes(
     metadata: dict[str, str], environment: dict[str, Any], memory: str
 ) -> tuple[int, ...]:
     sizes, hidden = _json(metadata, "layer_sizes"), SCHEMA["learn.hidden_sizes"]
-    seen = input_size(OBSERVATIONS[environment["game.observation"]].size, memory)
+    seen = input_size(_layout(environment).size, memory)
     ends = isinstance(sizes, list) and (sizes[0:1], sizes[-1:]) == ([seen], [ACTION_SIZE])
     if not ends or hidden.problem(sizes[1:-1]):
         raise _wrong(metadata, "layer_sizes", f"expected {seen}, {hidden.allowed}, {ACTION_SIZE}")
     return tuple(sizes)
+
+
+def _layout(environment: dict[str, Any]) -> Observation:
+    """The observation of a game whose settings have been checked."""
+    known = {key: environment[key] for key in SHAPING if key in environment}
+    return layout_of(environment["game.observation"], build(GameConfig, known, "game."))
 
 
 def _environment(metadata: dict[str, str]) -> dict[str, Any]:
@@ -181,6 +188,9 @@ def _environment(metadata: dict[str, str]) -> dict[str, Any]:
     if (seen := game["game.observation"]) not in OBSERVATIONS:  # a file never names code to run
         known = ", ".join(OBSERVATIONS)
         raise ValueError(f"metadata environment: game.observation = {shown(seen)}: not {known}")
+    for key in (key for key in SHAPING if key in game):
+        if fault := SCHEMA[key].problem(game[key]):
+            raise ValueError(f"metadata environment: {key} = {shown(game[key])}: {fault}")
     if (given := game.get("sim.actuation", "wrench")) not in ACTION_FIELDS:
         fault = SCHEMA["sim.actuation"].problem(given)
         raise ValueError(f"metadata environment: sim.actuation = {shown(given)}: {fault}")

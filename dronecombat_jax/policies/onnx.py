@@ -22,8 +22,8 @@ IR_VERSION = 7
 
 
 def save_onnx(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False) -> None:
-    """Write the graph of one policy, with the metadata of `policy.metadata_of`; the draw's log_std
-    is not in it.
+    """Write the graph of one policy, with the metadata of `policy.metadata_of`; `log_std` is not
+    in it.
 
     Raises UserError: 73 where `path` exists (without `force`) or the disk refuses, 2 where onnx is
     missing, and for a policy with memory.

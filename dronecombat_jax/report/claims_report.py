@@ -21,7 +21,7 @@ from dronecombat_jax.report.page import NO_CLAIMS, Claims
 
 
 def write_claims(study: Study, folder: Path, every: int = EVERY) -> tuple[Claims, list[Path]]:
-    """Write claims.json and claims.md into `folder`; the page's table, and the files.
+    """Write claims.json and claims.md into `folder`; returns the page's table and the files.
 
     Nothing where the tournament has not both of the paper's methods. UserError 73.
     """

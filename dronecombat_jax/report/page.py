@@ -52,7 +52,7 @@ NO_CLAIMS = Claims((), (), ())
 
 
 def with_links(picture: Picture, areas: Sequence[Area]) -> Picture:
-    """The same, whose areas are links into the page of fights that lies beside this one."""
+    """The picture with areas that link into the page of fights beside this page."""
     cells = "".join(
         f'<a href="{FIGHTS_NAME}#{"-".join(map(str, area.cell))}" target="_blank"><rect x="{area.left:.5f}" '
         f'y="{area.top:.5f}" width="{area.width:.5f}" height="{area.height:.5f}"/></a>'

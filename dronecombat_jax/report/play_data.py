@@ -11,7 +11,6 @@ import numpy as np
 
 from dronecombat_jax.combat.env import ARENA_HALF_WIDTH, START
 from dronecombat_jax.combat.games import DUEL, game_of
-from dronecombat_jax.combat.observe import OBSERVATIONS
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
@@ -22,9 +21,10 @@ from dronecombat_jax.report.replay_data import WINNERS, who_and_why
 from dronecombat_jax.sim.craft import is_ideal
 from dronecombat_jax.sim.fluid import drags
 from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.types import NUM_AGENTS, Cause, Policy
+from dronecombat_jax.types import NUM_SIDES, Cause, Policy
 
 Data = dict[str, Any]
+SEEN = ("world", "ego")  # observations that the page's code knows
 
 
 class Opponent(NamedTuple):
@@ -43,12 +43,12 @@ def refuse_unknown_game(config: Config) -> None:
     if not is_ideal(config):
         raise UserError(
             "the page flies ideal rigid bodies alone: not sim.actuation, sim.drag, sim.gust_speed or "
-            "randomise of another kind. dronecombat replay shows such fights"
+            "randomise of another kind, no sensor.*. dronecombat replay shows such fights"
         )
-    known = {"scenario": game_of(config) is DUEL, "observation": game.observation in OBSERVATIONS}
+    known = {"scenario": game_of(config) is DUEL, "observation": game.observation in SEEN}
     for what in (what for what, is_known in known.items() if not is_known):
         name = one_line(getattr(game, what))
-        raise UserError(f"game.{what} = {name}: the page knows the package's own alone")
+        raise UserError(f"game.{what} = {name}: the page knows duel, {' and '.join(SEEN)} alone")
 
 
 def game_data(config: Config, scene: Scene) -> Data:
@@ -125,7 +125,7 @@ def _bodies(config: Config, scene: Scene) -> list[Data]:
     fluid = drags(scene.flown) if scene.flown.in_fluid else None
     rows = lambda array, role: np.asarray(array, float)[role].tolist()
     bodies = []
-    for role in range(NUM_AGENTS):
+    for role in range(NUM_SIDES):
         drag = fluid and {
             name: {"viscous": rows(kind.viscous, role), "quadratic": rows(kind.quadratic, role)}
             for name, kind in zip(("linear", "angular"), fluid, strict=True)

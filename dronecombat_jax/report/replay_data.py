@@ -18,7 +18,7 @@ from dronecombat_jax.report.video import CAPTIONS, finite_part
 from dronecombat_jax.sim.actuation import SIGNS
 from dronecombat_jax.sim.inverse import full_thrust
 from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_AGENTS, SIDES, Cause, Outcome, Trajectory
+from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_SIDES, SIDES, Cause, Outcome, Trajectory
 
 MOST_STATES = 8192  # of all fights of a page together: 0.6 MB; longer fights keep every n-th state
 STEPS = 32767  # of an int16 on either side of 0
@@ -136,8 +136,8 @@ def fight_data(fight: Fight, rules: Rules, most: int) -> dict[str, Any]:
     """One fight of a page, of at most `most` states. UserError 3 where the trajectory is malformed."""
     trajectory = finite_part(fight.trajectory)
     kept = _kept(len(trajectory.time), most)
-    positions = trajectory.qpos.reshape(-1, NUM_AGENTS, 7)[kept, :, :3]
-    velocities = trajectory.qvel.reshape(-1, NUM_AGENTS, 6)[kept, :, :3]
+    positions = trajectory.qpos.reshape(-1, NUM_SIDES, 7)[kept, :, :3]
+    velocities = trajectory.qvel.reshape(-1, NUM_SIDES, 6)[kept, :, :3]
     extent, fastest = _scale(positions), _scale(velocities)
     cause, winner = Cause(trajectory.cause), rules.winners[trajectory.cause]
     end = float(trajectory.time[-1])
@@ -177,8 +177,8 @@ def _pack(
 
     Position 3, quaternion wxyz 4, velocity 3, action 4.
     """
-    poses = trajectory.qpos.reshape(-1, NUM_AGENTS, 7)[kept]
-    velocities = trajectory.qvel.reshape(-1, NUM_AGENTS, 6)[kept, :, :3]
+    poses = trajectory.qpos.reshape(-1, NUM_SIDES, 7)[kept]
+    velocities = trajectory.qvel.reshape(-1, NUM_SIDES, 6)[kept, :, :3]
     actions = np.nan_to_num(np.asarray(trajectory.action, float)[kept])
     if rules.four_thrusts:
         actions = as_sticks(actions)
@@ -188,13 +188,13 @@ def _pack(
 
 
 def _scale(values: np.ndarray) -> float:
-    """The largest number, which an int16's end stands for."""
+    """The largest number, which the largest int16 stands for."""
     return max(float(np.abs(values).max()), 1e-6)
 
 
 def _events(trajectory: Trajectory, cause: Cause, winner: Outcome, rules: Rules) -> list[Event]:
     """What happened, in order of time: drones that went down on the way, and the end."""
-    positions = trajectory.qpos.reshape(-1, NUM_AGENTS, 7)[..., :3]
+    positions = trajectory.qpos.reshape(-1, NUM_SIDES, 7)[..., :3]
     end = float(trajectory.time[-1])
     final = _CRASHES.get(cause, ())
     events = []

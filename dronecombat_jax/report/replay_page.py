@@ -27,7 +27,9 @@ _WAITING = (
 
 
 def page(data: dict[str, Any]) -> str:
-    """One self-contained file. It asks nobody for anything, and its policy forbids it to."""
+    """One self-contained file. It loads nothing from a network, and its content security policy
+    forbids it.
+    """
     code = f"{script()}\n{_call('replay', data, embedded=False)}"
     return document("replay", data["title"], _WAITING, code)
 

@@ -122,7 +122,7 @@ def mean_and_spread(values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def common(values: NDArray) -> NDArray[np.bool_]:
-    """Which columns of `values` [S, T] all seeds have that have any: elsewhere a mean would jump
+    """The columns of `values` [S, T] that every seed with values has: elsewhere a mean would jump
     from seed to seed.
     """
     known = np.isfinite(values)
@@ -138,7 +138,7 @@ def time_axis(ax: Axes, label: str = "environment steps trained") -> None:
 
 
 def counted(number: int, thing: str) -> str:
-    """Such as "1 seed" and "2 seeds"."""
+    """A count with its noun, such as "1 seed" and "2 seeds"."""
     return f"{number} {thing}{'s' * (number != 1)}"
 
 

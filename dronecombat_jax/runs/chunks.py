@@ -157,6 +157,6 @@ def met(config: Config, selfplay: SelfPlay | None, seed_index: int, chunk: int) 
 
 
 def _known(rows: list[Record], key: str) -> list[float]:
-    """The numbers that there are: an agent that does not learn reports none."""
+    """The numbers that are known: an agent that does not learn reports none."""
     values = (row.get(key) for row in rows)
     return [value for value in values if value is not None and math.isfinite(value)]

@@ -128,7 +128,7 @@ def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
 
 def drawn_numbers(run: SavedRun, match: Match) -> dict[str, Any]:
     """Which numbers the drones of `match` have, over the nominal ones, by setting and side; empty
-    where nothing is drawn. Plain JSON; the fights are in the order of `play`.
+    where none is random. Plain JSON; the fights are in the order of `play`.
     """
     fights, combat = _fights_of(run, match)
     start_key, _ = jax.random.split(jax.random.key(match.seed))

@@ -9,7 +9,7 @@ from pathlib import Path
 import jax
 
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.combat.observe import OBSERVATIONS
+from dronecombat_jax.combat.observe import OBSERVATIONS, observation_of
 from dronecombat_jax.config import settings
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.files.rundir import RunDirectory
@@ -75,7 +75,7 @@ def policy_of_run(
     info = PolicyInfo(
         role=role,
         layer_sizes=(
-            input_size(OBSERVATIONS[config.game.observation].size, memory),
+            input_size(observation_of(config).size, memory),
             *config.learn.hidden_sizes,
             ACTION_SIZE,
         ),

@@ -1,5 +1,5 @@
-"""When training has to stop: too many diverged fights, too many lost updates, a device that fails.
-And the state then.
+"""When training has to stop: too many diverged fights, too many lost updates, a device that fails;
+and how its state is dumped then.
 
 One diverged fight is a tie and one gradient that is not finite is skipped, both inside the program
 (`combat.env`, `learn.ippo`). What lives here counts them across program calls.
@@ -86,9 +86,7 @@ def write_dump(run: RunDirectory, state: Any, report: IterationMetrics, iteratio
 
 @contextmanager
 def device_errors() -> Iterator[None]:
-    """Turn what a device says when it fails into one line: UserError 2 out of memory, 75 for all
-    else.
-    """
+    """Turn a device's error into one line: UserError 2 out of memory, 75 for all else."""
     import jax
 
     try:

@@ -82,7 +82,7 @@ class Keeper:
         )
 
     def finish(self) -> None:
-        """Raise the refusal of a disk that no later save has made good."""
+        """Raise the error of a save that the disk refused, if no later save has succeeded."""
         self._saver.finish()
 
 

@@ -1,4 +1,5 @@
-"""The frozen policies that a run trains against: read once, kept in the run's folder, proven ever after.
+"""The frozen policies that a run trains against: read once, kept in the run's folder, verified
+whenever they are read.
 
     opponents/defender-1.safetensors   who sits in the defender's place, the first such row
 

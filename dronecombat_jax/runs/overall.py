@@ -1,4 +1,4 @@
-"""How far a work of several steps is, before the progress line of whichever step is at work.
+"""How far a work of several steps is, shown before the progress line of the step that runs.
 
 What does not live here: the line itself (`progress`), and what the steps do.
 """
@@ -41,7 +41,9 @@ class Overall:
             whole.reset(token)
 
     def text(self, step: int, share: float = 0.0) -> str:
-        """Such as "step 2 of 4, all 37 %, about 0:02:10 left", with `share` of the step done."""
+        """The progress of all steps, such as "step 2 of 4, all 37 %, about 0:02:10 left", with
+        `share` of the step done.
+        """
         total = sum(self._seconds)
         reached = self._finished() + share * self._seconds[step]
         left = (total - reached) * self._pace(reached)

@@ -107,8 +107,8 @@ class Players:
 
 
 def emptied(selfplay: "SelfPlay") -> "SelfPlay":
-    """The same with pools that hold nobody, leaves [S, 0, ...]: arrays, or their shapes. Records of
-    wins stay.
+    """The state with pools that hold nobody, leaves [S, 0, ...]: arrays, or their shapes. Records
+    of wins stay.
     """
 
     def empty(leaf: Any) -> Any:

@@ -74,7 +74,7 @@ class Program:
         return self._compiled("advance", build_advance, state, donate_argnums=0)
 
     def flight_seconds(self, state: Any) -> float:
-        """Measure once what flying alone takes of an iteration of all seeds, in s; `state` stays as
+        """Measure once how many seconds of an iteration of all seeds are flying; `state` stays as
         it is.
         """
         import jax

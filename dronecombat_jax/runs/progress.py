@@ -116,7 +116,7 @@ class Progress:
         self.message(f"{self._before()}{self.title}: {steps_text(self)}; {outcome_text(self.last)}")
 
     def _before(self) -> str:
-        """How far the larger work is that this one is a piece of; "" where it is none."""
+        """How far the larger work is that this is a part of; "" where it is part of none."""
         return self._whole(min(self.last.steps / max(self.total_steps, 1), 1.0))
 
 

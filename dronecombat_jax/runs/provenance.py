@@ -33,7 +33,7 @@ def describe(config: Config, iteration: int, met: dict[str, Any] | None = None) 
 
 
 def check_meta(start: Start, config: Config, met: dict[str, Any] | None = None) -> list[str]:
-    """Notes for a person about going on from `start`; a checkpoint that says nothing is not asked.
+    """Notes for a person about going on from `start`; a checkpoint without these facts gives none.
 
     `met`: the environment that is flown here, as in `describe`. Raises CheckpointError where it is
     not the checkpoint's, or where other random numbers would come out of the same seeds.
@@ -61,7 +61,7 @@ def check_meta(start: Start, config: Config, met: dict[str, Any] | None = None) 
 
 
 def _random() -> dict[str, Any]:
-    """What the bits behind a key depend on besides the seed."""
+    """What random bits depend on besides the seed."""
     import jax
 
     options: Any = jax.config  # which of them jax declares differs between its versions

@@ -9,7 +9,7 @@ _WINDOW_SECONDS = 60.0
 
 
 class RateMeter:
-    """Environment steps per second over the last minute, and what they say about the rest."""
+    """Environment steps per second over the last minute, and from them the time that is left."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic):
         self._clock = clock
@@ -43,7 +43,7 @@ class RateMeter:
 
 
 def count_text(steps: float) -> str:
-    """1,234 as itself, 1,234,567 as 1.23 M."""
+    """A number for people: 1,234 as it is, 1,234,567 as 1.23 M."""
     for factor, unit in ((1e9, "G"), (1e6, "M")):
         if steps >= factor:
             return f"{steps / factor:.2f} {unit}"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dronecombat_jax.config import settings
+from dronecombat_jax.config import body_file, settings
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import shown
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
@@ -120,8 +120,13 @@ def difference(
     return [
         f"{key} was {shown(old)}, now {shown(new)}"
         for key, old, new in settings.diff(stored, config)
-        if not key.startswith(apart_from)
+        if not key.startswith(apart_from) and not _moved(key, old, new)
     ]
+
+
+def _moved(key: str, old: Any, new: Any) -> bool:
+    """Whether it is another place of a body's file; what it says is compared as the environment."""
+    return key == "sim.body" and body_file.is_file(old) and body_file.is_file(new)
 
 
 def restored_state(start: Start, config: Config, combat: "Combat") -> "TrainState":
@@ -188,7 +193,7 @@ def brought_up_to_date(state: "TrainState", config: Config) -> "TrainState":
         )
         selfplay = selfplay.replace(pools=tuple(pools))
     shape = state.env.clock.shape[:1]  # [S]
-    unknown = jax.device_get(tally.unknown(config.train.num_envs))
+    unknown = jax.device_get(tally.unknown(config.train.num_envs, len(config.game.sides)))
     flown = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (*shape, *leaf.shape)).copy(), unknown)
     learners = state.learners.replace(parameters=parameters)
     return state.replace(learners=learners, selfplay=selfplay, flown=flown)
@@ -240,8 +245,8 @@ def _members(run: RunDirectory, start: Start, roster: Roster) -> list[Arrays]:
 
 
 def _refuse_lost(run: RunDirectory) -> None:
-    """Refuse to begin anew where a run has been: its metrics and what is left of its checkpoints
-    would be lost.
+    """Raise UserError where a run has been in this folder: a new one would destroy its metrics and
+    what is left of its checkpoints.
     """
     aside = sorted(path.name for path in run.checkpoints.glob("damaged-*"))
     unusable = [str(step) for step in checkpoint.steps(run.checkpoints)]

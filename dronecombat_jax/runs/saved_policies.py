@@ -35,7 +35,7 @@ def policies_in(arrays: Arrays, config: Config, path: Path) -> Policy:
 
 
 def policies_of(learners: Any, learn: LearnConfig) -> Policy:
-    """What flies of `learners`; NumPy leaves, with any leading axes."""
+    """The policies of `learners`; NumPy leaves, with any leading axes."""
     return as_flown(algorithm_of(learn).policy(learners), learn)
 
 

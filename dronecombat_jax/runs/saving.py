@@ -77,6 +77,6 @@ class Saver:
                 checkpoint.remove(self.run.checkpoints, step)
 
     def finish(self) -> None:
-        """Raise the refusal that no later save has made good."""
+        """Raise the error of a save that was refused, if no later save has succeeded."""
         if self.refused is not None:
             raise self.refused

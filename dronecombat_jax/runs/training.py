@@ -120,7 +120,7 @@ def _read_opponents(config: Config) -> "Frozen | None":
 def _kept_opponents(
     run: RunDirectory, config: Config, start: Start | None, named: "Frozen | None"
 ) -> "Frozen":
-    """The opponents of a run that is claimed: those it has kept, or as it begins, `named` ones."""
+    """The opponents of a claimed run: the copies in its folder or, for a new run, those `named`."""
     from dronecombat_jax.runs import opponents
 
     if start is not None:

@@ -76,7 +76,7 @@ def init_state(combat: Combat) -> TrainState:
         return TrainState(
             learners=learners,
             env=reset_fights(combat, seed, jnp.zeros((), jnp.int32)),
-            flown=tally.fresh(train.num_envs),
+            flown=tally.fresh(train.num_envs, len(combat.config.game.sides)),
             seed=seed,
             iteration=jnp.zeros((), jnp.int32),
             selfplay=init_selfplay(combat.config, learners),
@@ -130,7 +130,7 @@ def _for_all_seeds(
     iterations: int,
     mesh: jax.sharding.Mesh | None,
 ) -> Callable[[TrainState], tuple[TrainState, Any]]:
-    """`one` iteration of one seed, `iterations` times for every seed [S, ...]."""
+    """`iterations` calls of `single`, an iteration of one seed, for every seed [S, ...]."""
 
     def one_seed(state: TrainState) -> tuple[TrainState, Any]:
         return jax.lax.scan(lambda state, _: single(state), state, None, length=iterations)
@@ -202,7 +202,7 @@ def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
         if config.train.reset_at_chunk:
             env, flown = (
                 reset_fights(combat, state.seed, state.iteration),
-                tally.fresh(config.train.num_envs),
+                tally.fresh(config.train.num_envs, len(combat.config.game.sides)),
             )
         if selfplay is not None:
             met = opponents.codes(config, selfplay)
@@ -262,8 +262,8 @@ def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvSt
     """N fights about to start; their clocks are drawn so that time-outs do not come in waves."""
     config = combat.config
     num_envs = config.train.num_envs
-    draws = combat.draw_exploring(_key(seed, iteration, Purpose.RESET), (num_envs,))
-    env = jax.vmap(combat.explore)(draws, jnp.arange(num_envs) < config.solo_envs)
+    numbers = combat.exploring_numbers(_key(seed, iteration, Purpose.RESET), (num_envs,))
+    env = jax.vmap(combat.explore)(numbers, jnp.arange(num_envs) < config.solo_envs)
     env = with_recall(env, recall_size(config))
     if not config.game.random_clock:
         return env
@@ -285,8 +285,8 @@ def _forgotten(env: EnvState, changed: jax.Array) -> EnvState:
 def _collect(
     combat: Combat, state: TrainState, cast: opponents.Cast
 ) -> tuple[EnvState, Transition]:
-    """Fly with those who play in this chunk; a policy for each environment is costly, so live
-    chunks go without.
+    """Collect a rollout of the players of this chunk. A policy for each environment is costly:
+    chunks of live players do without.
     """
     config = combat.config
     noise, spawn = (

@@ -36,8 +36,8 @@ Cast = Mapping[str, Policy]
 
 
 def counted_rows(config: Config) -> tuple[Row | None, ...]:
-    """The rows whose fights are counted one by one: None for live ones, then the table's, but for
-    nobody's. Empty where `selfplay.opponents` is.
+    """The rows whose fights are counted apart: None for live players, then the rows of the table
+    but for those of nobody. Empty without `selfplay.opponents`.
     """
     if not config.selfplay.opponents:
         return ()
@@ -71,8 +71,9 @@ def seats(combat: Combat, learners: Learners, state: SelfPlay | None, cast: Cast
 
 
 def codes(config: Config, state: SelfPlay | None) -> jax.Array:
-    """Whom the learner meets in each environment, as a code [N] int32: of past players as `met`
-    says, else FIXED less the row's place in the table; NOBODY for live players.
+    """Whom the learner meets in each environment, as a code [N] int32: for a past player the code
+    of `met`, for another opponent FIXED minus the row's place in the table, for live players
+    NOBODY.
     """
     fixed = np.full(config.train.num_envs, NOBODY, np.int32)
     code = jnp.asarray(fixed) if chunk_rows(config) == () else met(state, config.train.num_envs)
@@ -131,7 +132,9 @@ def _flown(config: Config, state: SelfPlay | None, row: Row | None) -> jax.Array
 def _seat_of_places(
     combat: Combat, side: int, learners: Learners, state: SelfPlay | None, cast: Cast
 ) -> Seat | Policy:
-    """Who flies `side` where rows have their environments: one after the other, each its own part."""
+    """Who flies `side` where rows have environments of their own: each row flies its own part of
+    them.
+    """
     config = combat.config
     live = algorithm_of(config.learn).policy(select(learners, side))
     taken = [place for place in places(config) if place.row is not None and place.row.side == side]

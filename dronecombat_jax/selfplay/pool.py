@@ -190,7 +190,7 @@ def _draw_past(
 
 
 def players(config: Config, learners: Learners, state: SelfPlay | None) -> tuple[Policy, Policy]:
-    """Who flies: the live policies, but for the frozen role a past one.
+    """Who flies: the live policies, and a past one in the frozen role.
 
     A past policy's leaves are [...] where one is met by all, and [N, ...] with scope "environment".
     """
@@ -223,7 +223,7 @@ def lose_live(config: Config, learners: Learners, state: SelfPlay) -> Learners:
 
 def met(state: SelfPlay | None, num_envs: int) -> jax.Array:
     """Whom the learner meets in each environment of a chunk, as a code [N] int32: NOBODY for live
-    players, role and slot of past ones, else FIXED less the number of the row of chunks.
+    players, role and slot of a past one, else FIXED minus the number of the row of chunks.
     """
     if state is None:
         return jnp.full(num_envs, NOBODY, jnp.int32)
@@ -268,7 +268,7 @@ def count_wins(
 
 
 def resize(state: SelfPlay, slots: int) -> SelfPlay:
-    """The same with pools of `slots` slots, empty ones added or dropped: a run may be made longer.
+    """The state with pools of `slots` slots, empty ones added or dropped: a run may be made longer.
     Leaves [S, ...].
     """
 

@@ -28,19 +28,21 @@ Sampler = Callable[[Members, SelfPlayConfig], jax.Array]
 
 
 def uniform(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
-    """Every past player alike: fictitious self-play (the paper; Heinrich, Lanctot and Silver 2015)."""
+    """Every past player is equally likely: fictitious self-play (the paper; Heinrich, Lanctot and
+    Silver 2015).
+    """
     return jnp.ones_like(members.win_rate)
 
 
 def latest(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
-    """The newest past player alone: naive self-play against an opponent that stands still for a
+    """The newest past player alone: naive self-play against an opponent that does not change for a
     chunk.
     """
     return (members.slot == members.filled - 1).astype(jnp.float32)
 
 
 def delta_uniform(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
-    """Alike among the newest share `delta` of the pool.
+    """The newest share `delta` of the pool, each member equally likely.
 
     Bansal et al. (2018), section 4.2; their delta is 1 - ours.
     """
@@ -61,7 +63,8 @@ def pfsp_variance(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
 
 
 def latest_and_hard(members: Members, selfplay: SelfPlayConfig) -> jax.Array:
-    """Half of the draws the newest, half (1 - x)^k among all, the newest included.
+    """Half of the opponents are the newest, half are chosen by (1 - x)^k among all, the newest
+    included.
 
     Gavin and Bronz (2026, arXiv 2607.05939), with k = 2 and x graded: `selfplay.record` rho.
     """
@@ -86,17 +89,20 @@ Grade = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
 
 
 def win(won: jax.Array, tied: jax.Array, rho: jax.Array) -> jax.Array:
-    """Whether: 1, a tie 1/2, else 0."""
+    """A win counts 1, a tie 1/2, a loss 0."""
     return jnp.where(won, 1.0, jnp.where(tied, 0.5, 0.0))
 
 
 def rho(won: jax.Array, tied: jax.Array, rho: jax.Array) -> jax.Array:
-    """How soon: rho where the learner won, else 0 (Gavin and Bronz 2026, arXiv 2607.05939)."""
+    """A win counts rho, more the sooner it comes; all else 0 (Gavin and Bronz 2026, arXiv
+    2607.05939).
+    """
     return jnp.where(won, rho, 0.0)
 
 
 def margin(won: jax.Array, tied: jax.Array, rho: jax.Array) -> jax.Array:
-    """How soon, for either side: (1 + rho) / 2 won, 1/2 tied, (1 - rho) / 2 lost.
+    """A win counts (1 + rho) / 2, a tie 1/2, a loss (1 - rho) / 2: it matters to both sides how
+    soon.
 
     The two sides' grades add up to 1, so 1/2 is an even opponent, as with `win`.
     """

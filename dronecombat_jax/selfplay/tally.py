@@ -10,24 +10,24 @@ count nowhere. What does not live here: the counting itself (`chunk.summarize`, 
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.types import NUM_AGENTS, Flown, Transition
+from dronecombat_jax.types import Flown, Transition
 
 MIXED = -2  # as `Flown.met`: its opponent changed, or is not known
 
 
-def fresh(num_envs: int) -> Flown:
-    """Fights about to start."""
+def fresh(num_envs: int, drones: int) -> Flown:
+    """Fights about to start, of so many drones each."""
     steps = jnp.zeros(num_envs, jnp.int32)
     return Flown(
-        steps=steps, returns=jnp.zeros((num_envs, NUM_AGENTS)), met=jnp.full_like(steps, MIXED)
+        steps=steps, returns=jnp.zeros((num_envs, drones)), met=jnp.full_like(steps, MIXED)
     )
 
 
-def unknown(num_envs: int) -> Flown:
+def unknown(num_envs: int, drones: int) -> Flown:
     """Fights under way of which nothing is known: they never count, since their steps never equal
     their clock.
     """
-    return fresh(num_envs).replace(steps=jnp.full(num_envs, -1, jnp.int32))
+    return fresh(num_envs, drones).replace(steps=jnp.full(num_envs, -1, jnp.int32))
 
 
 def follow(flown: Flown, rollout: Transition, met: jax.Array) -> tuple[Flown, Flown]:

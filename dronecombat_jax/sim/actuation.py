@@ -15,11 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.config.fields import SimConfig
-from dronecombat_jax.sim.rotors import ROTORS, Rotors
+from dronecombat_jax.sim.rotors import PLACES, SENSES, Rotors
 from dronecombat_jax.sim.scene import Scene
 
-# Signs of each rotor's moments about x, y, z per newton of thrust.
-SIGNS = np.array([[-1, -1, -1], [-1, 1, 1], [1, 1, -1], [1, -1, 1]], np.float32)
+# Signs of each rotor's moments about x, y, z per newton of thrust, in an X: r x F and its torque.
+SIGNS = np.array([(y, -x, s) for (x, y), s in zip(PLACES, SENSES, strict=True)], np.float32)
 DAMPING = 0.8  # of the rate loop and the rotors' lag as one second-order system
 
 
@@ -38,11 +38,13 @@ Command = Callable[[Plant, jax.Array, jax.Array, jax.Array], jax.Array]
 
 
 def plant_of(sim: SimConfig, scene: Scene) -> Plant:
-    """The nominal numbers of the body of `sim`."""
+    """The nominal numbers of the body of `sim`, whose rotors `scene` holds."""
+    assert scene.rotors is not None  # `load_scene` has seen to it
     weight = jnp.asarray(scene.weight, jnp.float32)
-    inertia = jnp.asarray(scene.inertia, jnp.float32)
+    moments = [np.diag(body.tensor) for body in scene.flown.bodies]
+    inertia = jnp.asarray(np.array(moments), jnp.float32)
     full_thrust = sim.thrust_to_weight * weight
-    return Plant(ROTORS[sim.body], inertia, weight, full_thrust, sim.moment_scale)
+    return Plant(scene.rotors, inertia, weight, full_thrust, sim.moment_scale)
 
 
 def four_thrusts(plant: Plant, action: jax.Array, rate: jax.Array, speeds: jax.Array) -> jax.Array:
@@ -91,14 +93,14 @@ def rate_damping(rotors: Rotors) -> float:
 
 def collect(rotors: Rotors, thrusts: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Thrust [A] in N and moment [A, 3] in N m about the body's axes of `thrusts` [A, 4]."""
-    moment = jnp.sum(thrusts[:, :, None] * jnp.asarray(SIGNS * _arms(rotors)), axis=1)
+    moment = jnp.sum(thrusts[:, :, None] * jnp.asarray(_moments(rotors)), axis=1)
     return jnp.sum(thrusts, axis=-1), moment
 
 
 def mix(rotors: Rotors, thrust: jax.Array, moment: jax.Array) -> jax.Array:
     """The four thrusts [A, 4] that give `thrust` [A] and `moment` [A, 3], without limits."""
-    parts = jnp.asarray(SIGNS / (4.0 * _arms(rotors))) * moment[:, None, :]
-    return thrust[:, None] / 4.0 + jnp.sum(parts, axis=-1)
+    shares = jnp.asarray(_shares(rotors))
+    return thrust[:, None] * shares[:, 0] + jnp.sum(shares[:, 1:] * moment[:, None, :], axis=-1)
 
 
 def distribute(rotors: Rotors, thrust: jax.Array, moment: jax.Array) -> jax.Array:
@@ -146,13 +148,28 @@ def advance_speeds(
 
 def hover_speeds(plant: Plant) -> jax.Array:
     """Speeds [A, 4] at which the four thrusts are the weight; at most those of full thrust."""
-    each = jnp.minimum(plant.weight / 4.0, plant.rotors.max_thrust)
-    return speeds_of(plant.rotors, jnp.broadcast_to(each[:, None], (*each.shape, 4)))
+    level = mix(plant.rotors, plant.weight, jnp.zeros((*plant.weight.shape, 3)))
+    return speeds_of(plant.rotors, jnp.minimum(level, plant.rotors.max_thrust))
 
 
 def _between(rotors: Rotors, number: jax.Array) -> jax.Array:
     """A thrust in N: the least at -1, the most at 1."""
     return rotors.min_thrust + (rotors.max_thrust - rotors.min_thrust) * (number + 1.0) / 2.0
+
+
+def _moments(rotors: Rotors) -> np.ndarray:
+    """[4, 3] m: moments about x, y, z for each newton of each rotor."""
+    if rotors.layout is not None:
+        return np.array(rotors.layout, np.float32)
+    return SIGNS * _arms(rotors)
+
+
+def _shares(rotors: Rotors) -> np.ndarray:
+    """[4, 4]: what each rotor gives for a thrust and a moment about x, y, z: the inverse of all."""
+    if rotors.layout is not None:
+        given = np.c_[np.ones(4), np.array(rotors.layout, float)].T
+        return np.linalg.inv(given).astype(np.float32)
+    return np.c_[np.full(4, 0.25, np.float32), SIGNS / (4.0 * _arms(rotors))]
 
 
 def _arms(rotors: Rotors) -> np.ndarray:

@@ -1,5 +1,5 @@
 """One control step of drones that are more than ideal rigid bodies: rotors with lag, drag, gusts,
-and numbers drawn for the fight.
+and random numbers for each fight.
 
 What does not live here: the paper's drone (`flight.build_step`), what an action asks of rotors
 (`actuation`), the numbers (`rotors`). Commands are scaled by the nominal body, the physics by the
@@ -8,6 +8,7 @@ drawn one: a drone heavier than its controller thinks sinks on the command for h
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,9 +27,8 @@ from dronecombat_jax.sim.flight import build_turn, limit_rate, principal_axes, s
 from dronecombat_jax.sim.fluid import Drag, drags
 from dronecombat_jax.sim.physics import build_physics
 from dronecombat_jax.sim.rotation import body_z, rotate, rotate_inverse
-from dronecombat_jax.sim.rotors import ROTORS
 from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.types import NUM_AGENTS, Craft, Drawn, Drones
+from dronecombat_jax.types import Craft, Drawn, Drones
 
 # (qpos [14], qvel [12], craft, clock [], action [A, 4]) -> (qpos, qvel, craft)
 CraftStep = Callable[
@@ -47,29 +47,30 @@ def is_ideal(config: Config) -> bool:
     return alike and sim.actuation == "wrench" and not sim.drag and not sim.gust_speed
 
 
-def num_draws(config: Config) -> int:
-    """Uniform numbers that `spawn_craft` needs for a fight."""
-    return NUM_AGENTS * len(_names()) * _drawn(config) + _hashes(config)
+def num_random(config: Config) -> int:
+    """How many uniform numbers `spawn_craft` needs for a fight."""
+    return len(config.game.sides) * len(_names()) * _drawn(config) + _hashes(config)
 
 
-def spawn_craft(config: Config, scene: Scene, draws: jax.Array) -> Craft | None:
-    """The craft at a fight's start, from `draws` [num_draws] in [0, 1); None: `is_ideal`.
+def spawn_craft(config: Config, scene: Scene, numbers: jax.Array) -> Craft | None:
+    """The craft at a fight's start, from `numbers` [num_random] in [0, 1); None: `is_ideal`.
 
     Rotors begin at the nominal speed of hover, the wind at rest; `combat.sensors` adds the memory.
     """
     if is_ideal(config):
         return None
-    sim, size = config.sim, NUM_AGENTS * len(_names())
+    sim, drones = config.sim, len(config.game.sides)
+    size = drones * len(_names())
     drawn = word = None
     if _drawn(config):
-        centred = 2.0 * draws[:size].reshape(len(_names()), NUM_AGENTS) - 1.0
+        centred = 2.0 * numbers[:size].reshape(len(_names()), drones) - 1.0
         ranges = [getattr(config.randomise, name) for name in _names()]
         drawn = Drawn(*(1.0 + share * row for share, row in zip(ranges, centred, strict=True)))
     if _other(config):
         factors = Drawn(*(_factors(config, name) for name in _names()))
         drawn = factors if drawn is None else jax.tree.map(jnp.multiply, factors, drawn)
     if _hashes(config):
-        word = noise.word_of(draws[-1])
+        word = noise.word_of(numbers[-1])
     return Craft(
         speeds=None if sim.actuation == "wrench" else hover_speeds(plant_of(sim, scene)),
         drawn=drawn,
@@ -111,19 +112,20 @@ def build_craft_step(sim: SimConfig, scene: Scene) -> CraftStep:
 
 
 def _driving(sim: SimConfig, scene: Scene) -> Drive:
-    """What the actuation gives in a substep, drawn thrust included; rotors move on first."""
-    command, plant = ACTUATIONS[sim.actuation], plant_of(sim, scene)
+    """Thrust and moment of the actuation in a substep, with the fight's own thrust factor; the
+    rotors move first.
+    """
+    command = ACTUATIONS[sim.actuation]
 
     def factor(craft: Craft) -> jax.Array | float:
         return 1.0 if craft.drawn is None else craft.drawn.thrust
 
-    def ideal(action: jax.Array, rate: jax.Array, craft: Craft):
-        thrust, moment = wrench(action, plant.full_thrust, sim.moment_scale)
-        scale = factor(craft) * jnp.ones_like(thrust)
-        return scale * thrust, scale[:, None] * moment, craft
+    if command is None:
+        return _ideal(sim, scene, factor)
+    plant = plant_of(sim, scene)
 
     def by_rotors(action: jax.Array, rate: jax.Array, craft: Craft):
-        assert craft.speeds is not None and command is not None
+        assert craft.speeds is not None
         wanted = command(plant, action, rate, craft.speeds)
         lag = voltage = None
         if craft.drawn is not None:
@@ -140,7 +142,19 @@ def _driving(sim: SimConfig, scene: Scene) -> Drive:
         scale = factor(craft) * jnp.ones_like(thrust)
         return scale * thrust, scale[:, None] * moment, craft.replace(speeds=speeds)
 
-    return ideal if command is None else by_rotors
+    return by_rotors
+
+
+def _ideal(sim: SimConfig, scene: Scene, factor: Callable[[Craft], Any]) -> Drive:
+    """The wrench of eq. 7 and 8, times the drawn factor."""
+    full_thrust = sim.thrust_to_weight * jnp.asarray(scene.weight, jnp.float32)
+
+    def drive(action: jax.Array, rate: jax.Array, craft: Craft):
+        thrust, moment = wrench(action, full_thrust, sim.moment_scale)
+        scale = factor(craft) * jnp.ones_like(thrust)
+        return scale * thrust, scale[:, None] * moment, craft
+
+    return drive
 
 
 def _pushing(sim: SimConfig, scene: Scene) -> Push:
@@ -153,28 +167,32 @@ def _pushing(sim: SimConfig, scene: Scene) -> Push:
     fluid = drags(scene.flown)[0] if scene.flown.in_fluid else None
     still = jnp.asarray(scene.flown.wind, jnp.float32)
     inwards, outwards = principal_axes(scene)
+    own = None
+    if sim.drag and scene.rotors is not None:  # with bodies whose principal axes are their own
+        own = jnp.broadcast_to(jnp.asarray(scene.rotors.drag), (len(mass), 3))
 
     def push(drones: Drones, thrust: jax.Array, craft: Craft) -> jax.Array:
         heavy = mass if craft.drawn is None else mass * craft.drawn.mass[:, None]
-        if fluid is None and not sim.drag:
+        if fluid is None and own is None:
             return (mass / heavy * thrust[:, None]) * body_z(drones.quaternion)
         into = lambda vector: inwards(rotate_inverse(drones.quaternion, vector))
         air = still if craft.wind is None else still + craft.wind
-        drag, slope = _resistance(sim, fluid, craft).resist(into(drones.velocity - air))
+        drag, slope = _resistance(own, fluid, craft, len(thrust)).resist(
+            into(drones.velocity - air)
+        )
         weight = into(jnp.broadcast_to(gravity, drones.velocity.shape))
-        force = thrust[:, None] * inwards(jnp.asarray([[0.0, 0.0, 1.0]] * NUM_AGENTS))
+        force = thrust[:, None] * inwards(jnp.asarray([[0.0, 0.0, 1.0]] * len(thrust)))
         sped = (force + drag + heavy * weight) / (heavy + sim.timestep * slope)
         return rotate(drones.quaternion, outwards(mass * (sped - weight)))
 
     return push
 
 
-def _resistance(sim: SimConfig, fluid: Drag | None, craft: Craft) -> Drag:
-    """Drag of the fluid of an MJCF, and that of the body, along the principal axes."""
-    viscous = jnp.zeros((NUM_AGENTS, 3)) if fluid is None else fluid.viscous
-    quadratic = jnp.zeros((NUM_AGENTS, 3)) if fluid is None else fluid.quadratic
-    if sim.drag:  # with bodies whose principal axes are their own
-        own = jnp.broadcast_to(jnp.asarray(ROTORS[sim.body].drag), (NUM_AGENTS, 3))
+def _resistance(own: jax.Array | None, fluid: Drag | None, craft: Craft, drones: int) -> Drag:
+    """Drag of the fluid of an MJCF, and that of the body `own` [A, 3], along the principal axes."""
+    viscous = jnp.zeros((drones, 3)) if fluid is None else fluid.viscous
+    quadratic = jnp.zeros((drones, 3)) if fluid is None else fluid.quadratic
+    if own is not None:
         viscous = viscous + (own if craft.drawn is None else craft.drawn.drag[:, None] * own)
     return Drag(viscous, quadratic)
 
@@ -189,9 +207,9 @@ def _gust(sim: SimConfig, craft: Craft, clock: jax.Array) -> Craft:
 
 
 def _hashes(config: Config) -> bool:
-    """Whether something random goes on during a fight: gusts or noise."""
-    prompt = replace(config.sensor, side="both", latency=0, period=1)
-    return config.sim.gust_speed > 0.0 or prompt != SensorConfig()
+    """Whether something random goes on during a fight: gusts, noise or drop-outs."""
+    certain = {"side": "both", "latency": 0, "period": 1, "range": 0.0, "field_of_view": 360.0}
+    return config.sim.gust_speed > 0.0 or replace(config.sensor, **certain) != SensorConfig()
 
 
 def _drawn(config: Config) -> bool:
@@ -204,8 +222,9 @@ def _other(config: Config) -> bool:
 
 
 def _factors(config: Config, name: str) -> jax.Array:
-    """[A] of one number, over the nominal one."""
-    return jnp.asarray([getattr(config.defender, name), getattr(config.attacker, name)])
+    """Each drone's factor [A] of one number: its own value over the nominal one."""
+    by_side = getattr(config.defender, name), getattr(config.attacker, name)
+    return jnp.asarray([by_side[side] for side in config.game.sides])
 
 
 def _names() -> list[str]:

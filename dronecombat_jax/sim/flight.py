@@ -14,7 +14,7 @@ from dronecombat_jax.sim.fluid import Drag, drags
 from dronecombat_jax.sim.physics import build_physics
 from dronecombat_jax.sim.rotation import body_z, rotate, rotate_inverse
 from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.types import NUM_AGENTS, Drones
+from dronecombat_jax.types import Drones
 
 Rotate = Callable[[jax.Array], jax.Array]
 Turn = Callable[[jax.Array, jax.Array], jax.Array]
@@ -114,9 +114,9 @@ def principal_axes(scene: Scene, role: int | None = None) -> tuple[Rotate, Rotat
 
 
 def split(qpos: jax.Array, qvel: jax.Array) -> Drones:
-    """Split free-joint coordinates `qpos [..., 14]`, `qvel [..., 12]` into both drones' states."""
-    pose = qpos.reshape(*qpos.shape[:-1], NUM_AGENTS, 7)
-    twist = qvel.reshape(*qvel.shape[:-1], NUM_AGENTS, 6)
+    """Split free-joint coordinates `qpos [..., 7 A]`, `qvel [..., 6 A]` into the drones' states."""
+    pose = qpos.reshape(*qpos.shape[:-1], -1, 7)
+    twist = qvel.reshape(*qvel.shape[:-1], -1, 6)
     return Drones(pose[..., :3], pose[..., 3:], twist[..., :3], twist[..., 3:])
 
 
@@ -181,8 +181,8 @@ def solve_3x3(matrix: jax.Array, vector: jax.Array) -> jax.Array:
 
 
 def limit_rate(qvel: jax.Array, max_rate: float) -> jax.Array:
-    """Scale each drone's body rate in `qvel` [12] down to `max_rate` rad/s, as PhysX caps it."""
-    twist = qvel.reshape(NUM_AGENTS, 6)
+    """Scale each drone's body rate in `qvel` [6 A] down to `max_rate` rad/s, as PhysX caps it."""
+    twist = qvel.reshape(-1, 6)
     norm = jnp.linalg.norm(twist[:, 3:], axis=-1, keepdims=True)
     rate = twist[:, 3:] * jnp.minimum(1.0, max_rate / jnp.maximum(norm, 1e-6))
     return jnp.concatenate([twist[:, :3], rate], axis=-1).reshape(-1)

@@ -4,11 +4,13 @@ What lives here: the numbers, how they differ from the package's own scene, and 
 is made of nothing else. What does not: reading them from a file (`written`), steps (`flight`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
 import numpy as np
+
+from dronecombat_jax.config.sides import Sides
 
 DRONES = ("defender", "attacker")
 ALIGNED = (1.0, 0.0, 0.0, 0.0)  # principal axes that are the body's own
@@ -60,7 +62,7 @@ class Body:
 class Flown:
     """All of a scene that a step of the physics depends on."""
 
-    bodies: tuple[Body, Body]  # defender, attacker
+    bodies: tuple[Body, ...]  # [A]; of a file: defender, attacker
     gravity: float = 9.81  # m/s^2, downwards
     density: float = 0.0  # kg/m^3, of the fluid around
     viscosity: float = 0.0  # Pa s
@@ -71,20 +73,33 @@ class Flown:
         """Whether anything but thrust and gravity pushes a drone."""
         return self.density > 0.0 or self.viscosity > 0.0
 
+    def of_teams(self, sides: Sides) -> "Flown":
+        """The same with a body for each drone, where there is one for each side."""
+        return replace(self, bodies=tuple(self.bodies[side] for side in sides))
+
+    @property
+    def pair(self) -> "Flown":
+        """The same with one body for each side; team mates are alike."""
+        return replace(self, bodies=(self.bodies[0], self.bodies[-1]))
+
 
 def package_scene(body: str) -> Flown:
-    """What mjcf/ says as it comes with the package, for a choice of `sim.body`."""
+    """The numbers of the package's own mjcf/ for a choice of `sim.body`."""
     return Flown((Body(*BODIES[body]), Body(*BODIES[body])))
 
 
 def differences(flown: Flown, body: str) -> dict[str, Any]:
-    """What of `flown` is not the package's own for this `sim.body`, by dotted key; plain JSON."""
-    ours, theirs = _described(flown), _described(package_scene(body))
+    """The numbers of `flown` that differ from the package's for this `sim.body`, by dotted key;
+    plain JSON.
+    """
+    ours, theirs = _described(flown.pair), _described(package_scene(body))
     return {key: value for key, value in ours.items() if theirs.get(key) != value}
 
 
-def rigid_bodies(flown: Flown, timestep: float, *, for_mjx: bool = False) -> mujoco.MjModel:
-    """A model of two free rigid bodies and nothing else.
+def rigid_bodies(
+    flown: Flown, timestep: float, *, for_mjx: bool = False, names: tuple[str, ...] = DRONES
+) -> mujoco.MjModel:
+    """A model of free rigid bodies, `names` [A], and nothing else.
 
     `for_mjx`: without the fluid, which `flight` adds, and as MJX steps it fastest.
     """
@@ -99,7 +114,7 @@ def rigid_bodies(flown: Flown, timestep: float, *, for_mjx: bool = False) -> muj
     else:
         option.density, option.viscosity = flown.density, flown.viscosity
         option.wind = flown.wind
-    for name, body in zip(DRONES, flown.bodies, strict=True):
+    for name, body in zip(names, flown.bodies, strict=True):
         free = spec.worldbody.add_body(name=name)
         free.add_freejoint(name=name)
         set_inertial(free, body)
@@ -107,7 +122,7 @@ def rigid_bodies(flown: Flown, timestep: float, *, for_mjx: bool = False) -> muj
 
 
 def set_inertial(spec: mujoco.MjsBody, body: Body) -> None:
-    """Make `body` the mass and inertia of a body in a specification, about its origin."""
+    """Give a body of a specification the mass and inertia of `body`, about its origin."""
     spec.mass, spec.inertia, spec.explicitinertial = body.mass, body.inertia, True
     spec.fullinertia = np.full(6, np.nan)
     spec.ipos, spec.iquat = np.zeros(3), np.asarray(body.axes)

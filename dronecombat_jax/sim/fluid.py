@@ -15,7 +15,7 @@ from dronecombat_jax.sim.flown import Body, Flown
 
 
 class Drag(NamedTuple):
-    """Of one kind of motion: -(viscous + quadratic |u|) u along each principal axis."""
+    """Drag of one kind of motion: -(viscous + quadratic |u|) u along each principal axis."""
 
     viscous: jax.Array  # [A, 3] N s/m, or N m s/rad
     quadratic: jax.Array  # [A, 3] N s^2/m^2, or N m s^2/rad^2

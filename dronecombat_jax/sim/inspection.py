@@ -11,6 +11,7 @@ import numpy as np
 from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.sim.flown import ALIGNED, DRONES, Body
 from dronecombat_jax.sim.fluid import box
+from dronecombat_jax.sim.mjcf_rotors import rotors_in
 from dronecombat_jax.sim.scene import load_scene
 from dronecombat_jax.sim.side_by_side import Difference, differences
 from dronecombat_jax.sim.source import Written, read_written
@@ -70,7 +71,19 @@ def _described(sim: SimConfig, written: Written) -> Iterator[tuple[str, str]]:
         yield "fluid", f"{fluid}; drag of MuJoCo's inertia box, {_spelt(box(flown.bodies[0]))} m"
     else:
         yield "fluid", "none"
+    if not written.whole:
+        yield "rotors", _rotors(written)
     yield "not used", "; ".join(_unused(written))
+
+
+def _rotors(written: Written) -> str:
+    """What the file's actuators say of rotors, for an actuation other than the wrench."""
+    found = rotors_in(written.model, written.drones[0])
+    if not found:
+        return "none: four alike actuators along body z would be; a TOML may say them (sim.body)"
+    lag = f"lag {found['lag_up']:g} s" if "lag_up" in found else "no lag: a TOML must say lag_up"
+    thrust = f"{found['min_thrust']:g} to {found['max_thrust']:g} N each"
+    return f"four, {thrust}, {found['torque_ratio']:g} m torque per thrust, {lag}"
 
 
 def _of_drone(sim: SimConfig, drone: Drone, gravity: float) -> Iterator[tuple[str, str]]:

@@ -11,19 +11,20 @@ import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.config.fields import SimConfig
-from dronecombat_jax.sim.actuation import collect, distribute, rate_damping, thrusts_of
-from dronecombat_jax.sim.rotors import ROTORS, Rotors
+from dronecombat_jax.sim.actuation import collect, distribute, plant_of, rate_damping, thrusts_of
+from dronecombat_jax.sim.rotors import Rotors
 from dronecombat_jax.sim.scene import Scene
 
 # (thrust [E] N, moment [E, 3] N m, rate [E, 3] rad/s, speeds [E, 4]) -> action [E, 4], not clipped
 Ask = Callable[[jax.Array, jax.Array, jax.Array, jax.Array], jax.Array]
 
 
-def full_thrust(sim: SimConfig, weight: float) -> float:
-    """Thrust in N at full command, of a drone of `weight` N that is flown by rotors."""
-    most = 4.0 * ROTORS[sim.body].max_thrust
+def full_thrust(sim: SimConfig, scene: Scene, role: int) -> float:
+    """Thrust in N at full command, of the drone `role` that is flown by rotors."""
+    assert scene.rotors is not None
+    most = 4.0 * scene.rotors.max_thrust
     if sim.actuation == "mixed":
-        most = min(most, sim.thrust_to_weight * weight)
+        most = min(most, sim.thrust_to_weight * float(scene.weight[role]))
     return most
 
 
@@ -32,7 +33,8 @@ def asking(sim: SimConfig, scene: Scene, role: int) -> Ask:
 
     It asks for more than is wanted, as much as makes up for the lag within a control step.
     """
-    rotors, inertia = ROTORS[sim.body], jnp.asarray(scene.inertia[role], jnp.float32)
+    plant = plant_of(sim, scene)
+    rotors, inertia = plant.rotors, plant.inertia[role]
     most = sim.thrust_to_weight * float(scene.weight[role])
     lag = (rotors.lag_up + rotors.lag_down) / 2.0
     share = 1.0 - float(np.exp(-sim.timestep * sim.substeps / lag))

@@ -1,19 +1,19 @@
 """Random numbers that are a function of a fight's word and its clock: nothing is carried but the
 word, and a fight flown again sees the same.
 
-JAX's own generator is not used here: its draws inside a scan have deadlocked XLA's CPU runtime, and
-cost more than the step. Hash: lowbias32 (C. Wellons, "Prospecting for hash functions", 2018).
+JAX's own generator is not used here: its numbers made inside a scan have deadlocked XLA's CPU runtime,
+and cost more than the step. Hash: lowbias32 (C. Wellons, "Prospecting for hash functions", 2018).
 """
 
 import jax
 import jax.numpy as jnp
 
-GUSTS, NOISE, BIAS = 1, 2, 3  # streams: what the numbers are drawn for
+GUSTS, NOISE, BIAS, DROPOUT = 1, 2, 3, 4  # streams: what the numbers are for
 
 
-def word_of(draw: jax.Array) -> jax.Array:
-    """The word [] of a fight, uint32, from a uniform draw [] in [0, 1) of 23 bits or more."""
-    return (draw * 2.0**24).astype(jnp.uint32)
+def word_of(number: jax.Array) -> jax.Array:
+    """The word [] of a fight, uint32, from a uniform number [] in [0, 1) of 23 bits or more."""
+    return (number * 2.0**24).astype(jnp.uint32)
 
 
 def uniforms(word: jax.Array, clock: jax.Array, stream: int, count: int) -> jax.Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim import mjcf
-from dronecombat_jax.sim.flown import ALIGNED, DRONES, Flown, set_inertial
+from dronecombat_jax.sim.flown import ALIGNED, DRONES, Body, Flown, set_inertial
 from dronecombat_jax.sim.written import Drone
 
 _HIDDEN, _DRONES = 5, 2  # visual groups: never drawn; drawn where drones have their true size
@@ -39,12 +39,14 @@ def free_body(path: Path, spec: mujoco.MjSpec) -> str:
     return body.name
 
 
-def hang(arena: mujoco.MjSpec, path: Path, name: str, drone: Drone, flown: Flown) -> None:
-    """Put the drone `name` of the file at `path` into both places of the package's arena."""
+def hang(
+    arena: mujoco.MjSpec, path: Path, name: str, drone: Drone, bodies: dict[str, Body], flown: Flown
+) -> None:
+    """Put the drone `name` of the file at `path` into the places of `bodies` in the package's arena."""
     option = arena.option
     option.gravity, option.wind = (0.0, 0.0, -flown.gravity), flown.wind
     option.density, option.viscosity = flown.density, flown.viscosity
-    for place, body in zip(DRONES, flown.bodies, strict=True):
+    for place, body in bodies.items():
         outer = arena.body(place)
         set_inertial(outer, body)
         for geom in outer.geoms:

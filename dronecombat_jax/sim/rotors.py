@@ -24,7 +24,7 @@ from dronecombat_jax.sim.flown import BODIES
 
 @dataclass(frozen=True)
 class Rotors:
-    """Four alike rotors in an X; body x forwards, y to the left, z up."""
+    """Four alike rotors; body x forwards, y to the left, z up. Without a `layout` they are an X."""
 
     arm_x: float  # m, each rotor's distance from the centre along x
     arm_y: float  # m, along y
@@ -38,7 +38,16 @@ class Rotors:
     rate_gain: float  # 1/s, of the rate loop of `ctbr`
     full_voltage: float  # V at the motor for full thrust; 0: no battery is modelled
     battery_drop: float  # V with all motors at full thrust
+    # [4][3] m, of rotors elsewhere: moments about x, y, z for each newton of each, about the
+    # centre of mass; `arm_x`, `arm_y` are then means
+    layout: tuple[tuple[float, ...], ...] | None = None
 
+
+# Of the X: where each rotor is, in arms, and the sign of its moment about z. Rotor 1 is front
+# right, then clockwise as seen from above; a rotor that turns clockwise turns the body the other
+# way, which is positive.
+PLACES = ((1, -1), (-1, -1), (-1, 1), (1, 1))
+SENSES = (-1, 1, -1, 1)
 
 _ARM = 0.046 / 2**0.5  # F
 _DRAG = (0.0177, 0.0177, 0.0177)  # D
@@ -124,7 +133,8 @@ def flies_rotors(sim: SimConfig) -> bool:
     return sim.actuation != "wrench" or sim.drag
 
 
-def described(body: str) -> dict[str, Any]:
-    """Every number of the body's rotors by dotted key, plain JSON: for digests and policy cards."""
-    spelt = lambda value: list(value) if isinstance(value, tuple) else value
-    return {f"rotors.{key}": spelt(value) for key, value in asdict(ROTORS[body]).items()}
+def described(rotors: Rotors) -> dict[str, Any]:
+    """Every number of the rotors by dotted key, plain JSON: for digests and policy cards."""
+    spelt = lambda value: [spelt(item) for item in value] if isinstance(value, tuple) else value
+    numbers = {f"rotors.{key}": spelt(value) for key, value in asdict(rotors).items()}
+    return {key: value for key, value in numbers.items() if value is not None}

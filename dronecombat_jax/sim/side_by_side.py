@@ -25,7 +25,7 @@ TURN = 30.0  # rad/s^2, the most by a moment: rates stay below the game's cap, w
 
 
 class Difference(NamedTuple):
-    """The largest between the game and C MuJoCo within the second, for one drone."""
+    """The largest differences between the game and C MuJoCo within the second, for one drone."""
 
     position: float  # m
     rate: float  # rad/s
@@ -48,7 +48,7 @@ def _start() -> np.ndarray:
 
 
 def _actions(sim: SimConfig, scene: Scene, steps: int) -> np.ndarray:
-    """Drawn actions [T, A, 4]: any thrust, and moments of the wrench that turn by up to `TURN`."""
+    """Random actions [T, A, 4]: any thrust, and moments of the wrench that turn by up to `TURN`."""
     random = np.random.default_rng(0)
     most = np.array([TURN * min(body.inertia) for body in scene.flown.bodies])
     actions = random.uniform(-1.0, 1.0, (steps, len(DRONES), 4))

@@ -9,14 +9,19 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from dronecombat_jax.config.body_file import is_file
 from dronecombat_jax.config.fields import SimConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim import mjcf, own_drone
-from dronecombat_jax.sim.flown import BODIES, DRONES, Body, Flown, set_inertial
+from dronecombat_jax.sim.bodies import NEUTRAL, require_rotors, rigid_body, rotors_of
+from dronecombat_jax.sim.flown import ALIGNED, DRONES, Flown, set_inertial
+from dronecombat_jax.sim.mjcf_rotors import rotors_in
+from dronecombat_jax.sim.rotors import Rotors
 from dronecombat_jax.sim.wrench import ACTUATORS
 from dronecombat_jax.sim.written import Drone, read_drone, read_flown
 
@@ -30,9 +35,10 @@ class Written:
 
     path: Path
     model: mujoco.MjModel
-    drones: tuple[Drone, Drone]  # of a file that holds one drone, twice the same
+    drones: tuple[Drone, ...]  # two; of a file that holds one drone, twice the same
     flown: Flown
     whole: bool  # a scene with both drones and the target, not one drone
+    rotors: Rotors | None = None  # None: nothing says enough of them
 
     @property
     def own_name(self) -> str:
@@ -53,18 +59,26 @@ def files_of(sim: SimConfig) -> list[Path]:
     """Every file that the scene of `sim` is made of. Raises UserError as `read_written`."""
     with naming_the_setting(sim):
         own = mjcf.files_of(Path(sim.mjcf)) if sim.mjcf else []
+    own += [Path(sim.body).expanduser()] if is_file(sim.body) else []
     return [*mjcf.files_of(find_mjcf_dir() / "combat.xml"), *own]
 
 
-def flown_of(sim: SimConfig) -> Flown:
+def flown_of(sim: SimConfig) -> tuple[Flown, Rotors | None]:
     """Every number of the scene of `sim` that a step depends on; unchanged files are read once."""
-    states = [(file, file.stat()) for file in files_of(sim)]
-    return _flown_of(sim, tuple((str(file), at.st_size, at.st_mtime_ns) for file, at in states))
+    stamps = []
+    for file in files_of(sim):
+        if not file.is_file():
+            raise UserError(f"sim.body: {file}: no such file")
+        stamps.append((str(file), file.stat().st_size, file.stat().st_mtime_ns))
+    return _flown_of(sim, tuple(stamps))
 
 
 @functools.lru_cache(maxsize=64)
-def _flown_of(sim: SimConfig, stamps: tuple[tuple[str, int, int], ...]) -> Flown:
-    return read_written(sim).flown
+def _flown_of(
+    sim: SimConfig, stamps: tuple[tuple[str, int, int], ...]
+) -> tuple[Flown, Rotors | None]:
+    written = read_written(sim)
+    return written.flown, written.rotors
 
 
 def read_written(sim: SimConfig, path: Path | None = None) -> Written:
@@ -82,11 +96,13 @@ def read_written(sim: SimConfig, path: Path | None = None) -> Written:
 
 @contextmanager
 def naming_the_setting(sim: SimConfig) -> Generator[None]:
-    """What is wrong with a file of the user's is wrong with the setting that names it."""
+    """Turn an error in a user's file into an error of the setting that names the file."""
     try:
         yield
     except UserError as error:
-        raise UserError(f"sim.mjcf: {error.message}" if sim.mjcf else error.message) from None
+        if sim.mjcf and not error.message.startswith("sim."):
+            raise UserError(f"sim.mjcf: {error.message}") from None
+        raise
 
 
 def require_names(path: Path, spec: mujoco.MjSpec) -> None:
@@ -106,7 +122,9 @@ def require_names(path: Path, spec: mujoco.MjSpec) -> None:
 
 
 def apply_game(sim: SimConfig, spec: mujoco.MjSpec) -> None:
-    """What the game says whatever a file does: step, integrator, axes as written, no contacts."""
+    """Set what the game decides, whatever the file says: step, integrator, axes as written, no
+    contacts.
+    """
     option = spec.option
     option.timestep, option.integrator = sim.timestep, mujoco.mjtIntegrator.mjINT_IMPLICIT
     spec.compiler.alignfree = False
@@ -116,19 +134,18 @@ def apply_game(sim: SimConfig, spec: mujoco.MjSpec) -> None:
         option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{bit}"))
 
 
-def read_drones(model: mujoco.MjModel) -> tuple[Drone, Drone]:
-    """Defender and attacker of a compiled scene."""
-    defender, attacker = (read_drone(model, model.body(name).id) for name in DRONES)
-    return defender, attacker
+def read_drones(model: mujoco.MjModel, names: tuple[str, ...] = DRONES) -> tuple[Drone, ...]:
+    """The drones of a compiled scene."""
+    return tuple(read_drone(model, model.body(name).id) for name in names)
 
 
 def _read_scene(sim: SimConfig, path: Path, spec: mujoco.MjSpec) -> Written:
     """A whole scene, like mjcf/combat.xml."""
     require_names(path, spec)
     apply_game(sim, spec)
-    if sim.body != "isaac":
+    if sim.body != NEUTRAL and not sim.mjcf:
         for name in DRONES:
-            set_inertial(spec.body(name), Body(*BODIES[sim.body]))
+            set_inertial(spec.body(name), rigid_body(sim.body))
     model = mjcf.compiled(path, spec)
     _check_joints(path, model)
     drones = read_drones(model)
@@ -136,7 +153,8 @@ def _read_scene(sim: SimConfig, path: Path, spec: mujoco.MjSpec) -> Written:
         if np.abs(drone.centre).max() > 1e-9:
             place = f"the body's origin, not {' '.join(f'{x:g}' for x in drone.centre)}"
             raise UserError(f"{path}: body {name}: its centre of mass must be {place}")
-    return Written(path, model, drones, read_flown(path, model, drones), whole=True)
+    flown = read_flown(path, model, drones)
+    return Written(path, model, drones, flown, whole=True, rotors=_rotors(sim, flown, {}))
 
 
 def _read_own_drone(sim: SimConfig, path: Path, spec: mujoco.MjSpec) -> Written:
@@ -147,7 +165,19 @@ def _read_own_drone(sim: SimConfig, path: Path, spec: mujoco.MjSpec) -> Written:
     model = mjcf.compiled(path, spec)
     drone = read_drone(model, model.body(name).id)
     flown = read_flown(path, model, (drone, drone))
-    return Written(path, model, (drone, drone), flown, whole=False)
+    rotors = _rotors(sim, flown, rotors_in(model, drone))
+    return Written(path, model, (drone, drone), flown, whole=False, rotors=rotors)
+
+
+def _rotors(sim: SimConfig, flown: Flown, of_mjcf: dict[str, Any]) -> Rotors | None:
+    """What flies the drones of `flown`. UserError where `sim` needs more than is said."""
+    rotors, missing = rotors_of(sim, of_mjcf)
+    require_rotors(sim, rotors, missing)
+    if sim.drag and any(body.axes != ALIGNED for body in flown.bodies):
+        raise UserError(
+            "sim.drag = true: it is along the body's axes, which must be its principal ones"
+        )
+    return rotors
 
 
 def _check_joints(path: Path, model: mujoco.MjModel) -> None:

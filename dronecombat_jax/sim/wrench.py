@@ -20,15 +20,15 @@ ACTUATORS = tuple(f"{drone}_{control}" for drone in DRONES for control in CONTRO
 _UNITS = ("N along z", "N m about x", "N m about y", "N m about z")
 
 
-def control_columns(model: Any) -> np.ndarray:
+def control_columns(model: Any, drones: tuple[str, ...] = DRONES) -> np.ndarray:
     """[A, 4] columns of ctrl: thrust in N, moments in N m."""
-    columns = [model.actuator(name).id for name in ACTUATORS]
-    return np.array(columns).reshape(len(DRONES), len(CONTROLS))
+    columns = [[model.actuator(f"{name}_{control}").id for control in CONTROLS] for name in drones]
+    return np.array(columns)
 
 
-def set_controls(sim: SimConfig, model: Any, flown: Flown) -> None:
+def set_controls(sim: SimConfig, model: Any, flown: Flown, columns: np.ndarray) -> None:
     """Limits of eq. 7 and 8 for these bodies, and their hover in every keyframe."""
-    for body, row in zip(flown.bodies, control_columns(model), strict=True):
+    for body, row in zip(flown.bodies, columns, strict=True):
         weight = body.mass * flown.gravity
         model.actuator_ctrlrange[row[0]] = (0.0, sim.thrust_to_weight * weight)
         model.actuator_ctrlrange[row[1:]] = (-sim.moment_scale, sim.moment_scale)
@@ -79,7 +79,9 @@ def _refuse_other_push(path: Path, model: Any, data: Any, name: str, drone: int,
 
 
 def _anywhere(model: Any, seed: int) -> Any:
-    """Both drones at some pose and velocity: a servo, whose force depends on them, must show."""
+    """Put both drones at some pose and velocity, so that a servo shows, whose force depends on
+    them.
+    """
     random, data = np.random.default_rng(seed), mujoco.MjData(model)
     data.qpos[:] = random.normal(size=model.nq)
     data.qvel[:] = random.normal(size=model.nv)

@@ -63,10 +63,10 @@ def read_drone(model: Any, root: int) -> Drone:
     return Drone(root, centre, _in_order_of_axes(body))
 
 
-def read_flown(path: Path, model: Any, drones: tuple[Drone, Drone]) -> Flown:
+def read_flown(path: Path, model: Any, drones: tuple[Drone, ...]) -> Flown:
     """The numbers that a flight depends on. Raises UserError that names what cannot be flown."""
     option = model.opt
-    flown = Flown((drones[0].body, drones[1].body), -float(option.gravity[2]))
+    flown = Flown(tuple(drone.body for drone in drones), -float(option.gravity[2]))
     if option.disableflags & _PASSIVE != _PASSIVE and (option.density > 0 or option.viscosity > 0):
         wind = tuple(map(float, option.wind))
         fluid = float(option.density), float(option.viscosity), wind
@@ -155,17 +155,19 @@ def _body_faults(model: Any, body: int, root: int, in_fluid: bool) -> Iterator[s
 
 
 def _acts(model: Any, field: str, index: Any) -> bool:
-    """Whether a field of an element is not 0; one that this MuJoCo does not have is."""
+    """Whether a field of an element is not 0; where this MuJoCo has no such field, it is 0."""
     return hasattr(model, field) and bool(np.any(getattr(model, field)[index]))
 
 
 def _refuse_other_motion(path: Path, model: Any, drone: Drone, index: int, flown: Flown) -> None:
-    """The net below the list: in C MuJoCo the drone must accelerate as a free rigid body does.
+    """Raise UserError unless the drone accelerates in C MuJoCo as a free rigid body does: this
+    catches what the list does not name.
 
     Compared are the centre of mass and the rates of the file's drone with those of a body made of
     `flown` alone, at drawn poses and velocities. Raises UserError.
     """
-    plain, model = rigid_bodies(flown, model.opt.timestep), copy.copy(model)
+    names = tuple(map(str, range(len(flown.bodies))))
+    plain, model = rigid_bodies(flown, model.opt.timestep, names=names), copy.copy(model)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)  # `wrench` looks at those
     for seed in range(3):
         random = np.random.default_rng(seed)
@@ -187,7 +189,7 @@ def _refuse_other_motion(path: Path, model: Any, drone: Drone, index: int, flown
 def _acceleration(
     model: Any, root: int, pose: np.ndarray, velocity: np.ndarray, rate: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of a free body in one state: [6] as C MuJoCo has it, and its rotation [3, 3]."""
+    """Acceleration [6] of a free body in one state, by C MuJoCo, and its rotation [3, 3]."""
     data = mujoco.MjData(model)
     joint, dof = model.body_jntadr[root], model.body_dofadr[root]
     start = model.jnt_qposadr[joint]

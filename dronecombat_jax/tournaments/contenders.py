@@ -175,7 +175,7 @@ def _chosen(run: RunDirectory, config: Config, every: int, untrained: bool) -> l
 
 
 def _roles(config: Config) -> tuple[int, ...]:
-    """Those that fly and learn: another opponent in a side's place is no player of this run."""
+    """The roles that learn in this run: a side that another opponent flies is no player of it."""
     return tuple(
         role
         for role in (DEFENDER, ATTACKER)

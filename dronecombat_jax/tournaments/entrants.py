@@ -6,14 +6,15 @@ What does not live here: reading one run or file (`contenders`).
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from dronecombat_jax.analysis.result import Alias, Entrant
-from dronecombat_jax.arena.players import Player
-from dronecombat_jax.combat.fingerprint import SCENE, environment, environment_diff
+from dronecombat_jax.arena.players import Player, refuse_other_shape
+from dronecombat_jax.combat.fingerprint import ROTORS, SCENE, environment, environment_diff
 from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.config import settings
-from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.body_file import is_file
+from dronecombat_jax.config.fields import Config, SimConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.tournaments.contenders import EXPORTED, Contender, Found, find
@@ -33,7 +34,7 @@ class Seat(NamedTuple):
 
 
 class Field(NamedTuple):
-    """Everybody, by role."""
+    """All players of a tournament, by role."""
 
     config: Config  # of the game that is played
     seats: tuple[list[Seat], list[Seat]]
@@ -70,6 +71,9 @@ def read_field(
             EXIT_CONFIG,
         )
     notices = _other_games(contenders, config, allow_mismatch)
+    for contender in contenders:
+        if contender.player is not None:
+            refuse_other_shape(contender.entrant.label, contender.player.pilot, config)
     _refuse_two_of_a_name(contenders)
     seats = _seats(contenders, DEFENDER), _seats(contenders, ATTACKER)
     for role, side in enumerate(seats):
@@ -83,7 +87,7 @@ def read_field(
 
 
 def _game(sources: list[Found], mjcf: str) -> Config:
-    """The game of the first whose scene is at hand, else of the first.
+    """The game of the first player whose scene file is here, else of the first player.
 
     A policy file of an own drone says what its MJCF says, not where it is: a run does.
     """
@@ -92,13 +96,22 @@ def _game(sources: list[Found], mjcf: str) -> Config:
         if entry.config is None:
             continue
         sim = entry.config.sim
-        config = replace(entry.config, sim=replace(sim, mjcf=mjcf or sim.mjcf))
+        config = replace(entry.config, sim=_with_drone(sim, mjcf))
         first = first or config
         known = [contender.environment for contender in entry.contenders if contender.environment]
         lines = environment_diff(known[-1], environment(config)) if known else []
-        if not any(line.startswith(SCENE) for line in lines):
+        if not any(line.startswith((SCENE, ROTORS)) for line in lines):
             return config
-    return first or settings.load(ANCHOR_PRESET, {"sim.mjcf": mjcf})
+    anchor = settings.load(ANCHOR_PRESET)
+    return first or replace(anchor, sim=_with_drone(anchor.sim, mjcf))
+
+
+def _with_drone(sim: SimConfig, file: str) -> SimConfig:
+    """The same with the drone of `file`, an MJCF or a TOML; as it is for ""."""
+    if is_file(file):
+        body: Any = file
+        return replace(sim, body=body)
+    return replace(sim, mjcf=file or sim.mjcf)
 
 
 def _find_all(words: Sequence[str], every: int, untrained: bool) -> tuple[list[Found], list[str]]:
@@ -133,8 +146,10 @@ def _other_games(contenders: list[Contender], config: Config, allowed: bool) -> 
         if lines
     ]
     if faults and not allowed:
-        own = any(line.startswith(SCENE) for lines in groups for line in lines)
-        hint = "dronecombat tournament --mjcf FILE names the MJCF that they were trained with"
+        own = any(line.startswith((SCENE, ROTORS)) for lines in groups for line in lines)
+        hint = (
+            "dronecombat tournament --mjcf FILE names the MJCF or TOML that they were trained with"
+        )
         allowing = "--allow-env-mismatch lets them fly in the first one's game"
         raise UserError("\n".join([*faults, *([hint] if own else []), allowing]), EXIT_DATA)
     return faults
@@ -155,7 +170,7 @@ def _refuse_two_of_a_name(contenders: list[Contender]) -> None:
 
 
 def _saved_again(role: int, side: list[Seat]) -> list[str]:
-    """What is to be said of players of the same content."""
+    """Lines for the user about players of the same content."""
     lines = [
         f"{SIDES[role]} {seat.entrant.label} is also {_named(seat.also)}"
         for seat in side

@@ -128,8 +128,8 @@ def load_flights(folder: Path) -> tuple[Flown, ...]:
 def _pairs(
     entrants: tuple[Sequence[Entrant], Sequence[Entrant]],
 ) -> list[tuple[Entrant, tuple[int, int]]]:
-    """Of every run and chunk with both sides: its defender as it is called there, and the indices
-    of both.
+    """For every run and chunk with both sides: the name of its defender, and the indices of both
+    players.
     """
     defenders, attackers = (by_training(side) for side in entrants)
     pairs = []

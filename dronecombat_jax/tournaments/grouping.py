@@ -71,8 +71,8 @@ class Compared(NamedTuple):
 def as_compared(
     result: TournamentResult, about: Mapping[str, Any]
 ) -> tuple[TournamentResult, Compared]:
-    """A tournament with the kinds and the panel of the `compare` that flew it, as its `about` has
-    them.
+    """The tournament with the kinds and the panel that its `about` has from the `compare` that flew
+    it.
     """
     if "methods" not in about:
         return result, Compared()

@@ -43,7 +43,7 @@ class Rung(NamedTuple):
 
     @property
     def word(self) -> str:
-        """As a command line names it."""
+        """The player's name on a command line."""
         return f"{SCRIPTED_PREFIX if self.scripted else shipped.PREFIX}{self.name}"
 
 

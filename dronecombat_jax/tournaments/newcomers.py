@@ -12,7 +12,7 @@ import numpy as np
 
 from dronecombat_jax.analysis.newcomer import rate_newcomer
 from dronecombat_jax.analysis.result import score_of
-from dronecombat_jax.arena.players import Player
+from dronecombat_jax.arena.players import Player, refuse_other_shape
 from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.arena.round_robin import play
 from dronecombat_jax.combat.env import Combat
@@ -145,6 +145,9 @@ def _rate_side(
     """Rate newcomers who all fly as `side`."""
     own = combat.config.game.observation
     players = [_in_its_frame(contender, own) for contender in contenders]
+    for contender, player in zip(contenders, players, strict=True):
+        label = contender.entrant.label
+        refuse_other_shape(label, player.pilot, combat.config, player.observation)
     rungs = ladder.side(SIDES[1 - SIDES.index(side)])
     opponents = [player for rung in rungs for player in _players(rung.word)]
     score = _fly(combat, side, players, opponents, rules)
@@ -193,7 +196,7 @@ def _fly(
 
 
 def _in_its_frame(contender: Contender, own: str) -> Player:
-    """The player, told which layout it sees where that is not the game's `own`."""
+    """The player with the name of its observation, where that is not the game's `own`."""
     assert contender.player is not None  # what is missing was refused before
     seen = own if contender.environment is None else contender.environment["game.observation"]
     return contender.player._replace(observation="" if seen == own else seen)

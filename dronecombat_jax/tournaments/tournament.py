@@ -82,7 +82,7 @@ def tournament(
     defenders, attackers = ([seat.entrant for seat in side] for side in field.seats)
     combat = Combat(field.config)
     met = environment(field.config, combat.scene)  # as it is flown, whatever becomes of its files
-    with _claim(path) as folder:
+    with claim(path) as folder:
         context = context_of(met, rules)
         identities = [[entrant.identity for entrant in side] for side in (defenders, attackers)]
         cause, steps = read_cells(
@@ -148,7 +148,7 @@ def context_of(met: dict[str, Any], rules: Rules) -> dict[str, Any]:
 
 
 @contextmanager
-def _claim(folder: Path) -> Iterator[Path]:
+def claim(folder: Path) -> Iterator[Path]:
     """The tournament's folder, made where it is not there, for this process alone."""
     try:
         (folder / CELLS_NAME).mkdir(parents=True, exist_ok=True)
@@ -202,7 +202,7 @@ def _about(
 
 
 def _part(result: TournamentResult, asked: NDArray) -> list[str]:
-    """What is to be said where not all cells were to be flown."""
+    """A line that says how many cells were left out on purpose; none where all are flown."""
     left = int((~result.played & ~asked).sum())
     return (
         [f"{left:,} of {asked.size:,} cells were left out on purpose: no comparison needs them"]
@@ -219,7 +219,7 @@ def _conclude(folder: Path, result: TournamentResult, asked: NDArray) -> None:
 
 
 def _lasting(word: str) -> str:
-    """The same word, which a report finds from any folder."""
+    """The word with its whole path, so that a report finds it from any folder."""
     return str(Path(word).resolve()) if Path(word).exists() else word
 
 

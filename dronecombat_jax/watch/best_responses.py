@@ -9,7 +9,8 @@ from dronecombat_jax.runs.responders import Plan
 
 
 def respond(planned: Plan) -> tuple[int, dict[str, Any]]:
-    """The exit code of the training, and where that is done, 0, the result, which has been written.
+    """Train, then let the responders fight and write the result; returns the exit code of the
+    training and the result, once there is one.
 
     JAX must be prepared. Raises UserError: 2 and 3 for who cannot be met, what a training raises.
     """

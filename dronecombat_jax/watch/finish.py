@@ -62,7 +62,7 @@ def finish(config: Config) -> None:
 
 
 def _draw_curves(run: RunDirectory) -> None:
-    """Metrics may be damaged or gone: the run itself is in its checkpoints."""
+    """Draw the learning curves; damaged or missing metrics cost only them."""
     picture = run.figures / "learning.png"
     try:
         learning_curves(metrics.read(run.metrics), picture, run.name)

@@ -6,6 +6,7 @@ What does not live here: flying them (`recording`), the fields of tournaments (`
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dronecombat_jax.arena.players import refuse_other_shape
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.scripted import PILOTS
@@ -261,3 +262,4 @@ def _refuse_other_games(crew: Crew, allowed: bool) -> None:
             more = f"; and {len(lines) - 5} more" if len(lines) > 5 else ""
             message = f"{flyer.label} was trained in another game: {'; '.join(lines[:5])}{more}"
             raise UserError(f"{message}; --allow-env-mismatch lets it fly here", EXIT_DATA)
+        refuse_other_shape(flyer.label, flyer.pilot, crew.config)

@@ -36,7 +36,7 @@ class Filming(NamedTuple):
 
 
 def game_with_starts(config: Config, spawn: str) -> Config:
-    """The same game with other starts; "" leaves them."""
+    """The game with other starts; "" leaves them as they are."""
     if not spawn:
         return config
     game = replace(config.game, spawn=spawn, spawn_spread=0.0, defender_spread=0.0)

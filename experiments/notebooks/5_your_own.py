@@ -22,8 +22,8 @@ REPOSITORY = "OWNER/dronecombat-jax"  # a placeholder until the project has a pu
 def install() -> None:
     """From the checkout around this notebook, or from REPOSITORY; versions of constraints.txt."""
     folders = [Path.cwd(), *Path.cwd().parents]
-    found = [path for path in folders if (path / "dronecombat_jax/__init__.py").is_file()]
-    source = found[0] if found else Path("dronecombat-jax").absolute()
+    checkouts = [path for path in folders if (path / "dronecombat_jax/__init__.py").is_file()]
+    source = checkouts[0] if checkouts else Path("dronecombat-jax").absolute()
     if not source.is_dir():
         if REPOSITORY.startswith("OWNER/"):
             raise RuntimeError("REPOSITORY is a placeholder: open this notebook in a checkout")

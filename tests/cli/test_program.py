@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from refusals import refused
@@ -132,6 +133,35 @@ def test_a_reader_that_leaves_is_no_traceback():
     )
     os.close(writing)
     assert "Traceback" not in result.stderr and "Exception" not in result.stderr
+
+
+def test_robustness_hands_over_its_words_and_draws_what_was_written(rooms, capsys):
+    calls, report_of = rooms.calls, {}
+    say = lambda name, given: lambda *args, **how: calls.append((name, args, how)) or given
+    planned = SimpleNamespace(path=Path("there"))
+    fly = lambda planned, **how: calls.append(("fly", how)) or (5, report_of)
+    rooms.stand_in(
+        tournaments, "robustness", plan=say("plan", planned), robustness=fly, FOLDER="r", FILE="f"
+    )
+    rooms.stand_in(report, "figures", save_figure=say("save", None))
+    rooms.stand_in(report, "robustness_figure", robustness_figure=say("draw", "figure"))
+    assert (
+        cli.main(["robustness", "a", "b", "--episodes", "7", "--gaps", "lag,drag", "--together"])
+        == 5
+    )
+    assert [call[0] for call in calls] == ["prepare", "plan", "fly"]
+    assert calls[1][1] == (["a", "b"],) and calls[1][2]["episodes"] == 7
+    assert calls[2][1] == {
+        "gaps": "lag,drag",
+        "together": True,
+        "skip_bad": False,
+        "allow_mismatch": False,
+    }
+    report_of["rows"] = []
+    assert cli.main(["robustness", "mine"]) == 5
+    assert calls[-1] == ("save", ("figure", Path("there/r/robustness.png")), {})
+    assert "robustness.png" in capsys.readouterr().out
+    assert refused(capsys, "robustness", "--together")[0].startswith("nobody is named")
 
 
 def test_report_and_compare_hand_over_their_words(rooms, capsys):

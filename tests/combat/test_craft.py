@@ -33,7 +33,7 @@ def real() -> SimpleNamespace:
     combat = Combat(REAL)
     return SimpleNamespace(
         combat=combat,
-        start=jax.vmap(combat.spawn)(combat.draw(KEY, (SIZE,))),
+        start=jax.vmap(combat.spawn)(combat.start_numbers(KEY, (SIZE,))),
         step=jax.jit(jax.vmap(combat.step)),
     )
 
@@ -58,15 +58,15 @@ def test_shapes_and_types_are_stable(real: SimpleNamespace):
         Config(sim=REAL.sim, randomise=REAL.randomise, train=TrainConfig(start_speed=4.0)),
         real.combat.scene,
     )
-    draws = moving.draw_exploring(KEY, (SIZE,))
-    explored = jax.vmap(moving.explore)(draws, jnp.zeros(SIZE, bool))
+    numbers = moving.exploring_numbers(KEY, (SIZE,))
+    explored = jax.vmap(moving.explore)(numbers, jnp.zeros(SIZE, bool))
     assert described(explored) == described(real.start)
     speed = jnp.abs(explored.qvel.reshape(SIZE, 2, 6)[..., :2])
     assert speed.max() > 1.0 and speed.max() <= 4.0
 
 
-def test_draws_fill_their_ranges_by_fight_and_side(real: SimpleNamespace):
-    start = jax.vmap(real.combat.spawn)(real.combat.draw(KEY, (500,)))
+def test_numbers_fill_their_ranges_by_fight_and_side(real: SimpleNamespace):
+    start = jax.vmap(real.combat.spawn)(real.combat.start_numbers(KEY, (500,)))
     for name in ("mass", "inertia", "thrust", "lag", "drag", "battery"):
         factor, share = (
             np.asarray(getattr(start.craft.drawn, name)),
@@ -85,7 +85,7 @@ def test_draws_fill_their_ranges_by_fight_and_side(real: SimpleNamespace):
 def test_commands_keep_the_nominal_scale():
     """Trap: the action that hovers the nominal drone lets a heavier one sink, (1/k - 1) g."""
     combat = Combat(Config(randomise=RandomiseConfig(mass=0.3)))
-    start = jax.vmap(combat.spawn)(combat.draw(KEY, (SIZE,)))
+    start = jax.vmap(combat.spawn)(combat.start_numbers(KEY, (SIZE,)))
     hover = jnp.zeros((SIZE, 2, 4)).at[..., 0].set(2 / 1.9 - 1)
     after, _ = jax.jit(jax.vmap(combat.step))(start, hover)
     climb = after.qvel.reshape(SIZE, 2, 6)[..., 2]
@@ -96,13 +96,13 @@ def test_one_sides_drone_may_differ_in_every_fight(arena: SimpleNamespace, real:
     """Factors without a draw; around them lies what is drawn. Fights start in the same places."""
     heavy = replace(Config(), defender=DroneConfig(mass=1.5), attacker=DroneConfig(thrust=0.5))
     combat = Combat(heavy, arena.combat.scene)
-    start = jax.vmap(combat.spawn)(combat.draw(KEY, (SIZE,)))
-    exact = jax.vmap(arena.combat.spawn)(arena.combat.draw(KEY, (SIZE,)))
+    start = jax.vmap(combat.spawn)(combat.start_numbers(KEY, (SIZE,)))
+    exact = jax.vmap(arena.combat.spawn)(arena.combat.start_numbers(KEY, (SIZE,)))
     np.testing.assert_array_equal(start.qpos, exact.qpos)
     np.testing.assert_array_equal(drawn_in(start).mass, [[1.5, 1.0]] * SIZE)
     np.testing.assert_array_equal(drawn_in(start).thrust, [[1.0, 0.5]] * SIZE)
     both = Combat(replace(REAL, defender=DroneConfig(mass=2.0, drag=0.0)), real.combat.scene)
-    other = jax.vmap(both.spawn)(both.draw(KEY, (SIZE,)))
+    other = jax.vmap(both.spawn)(both.start_numbers(KEY, (SIZE,)))
     np.testing.assert_array_equal(other.qpos, exact.qpos)
     expected = np.asarray(drawn_in(real.start).mass) * [2.0, 1.0]
     np.testing.assert_allclose(drawn_in(other).mass, expected, rtol=1e-6)
@@ -112,7 +112,7 @@ def test_one_sides_drone_may_differ_in_every_fight(arena: SimpleNamespace, real:
 def test_a_scaled_inertia_turns_less(real: SimpleNamespace):
     """From rest, a moment m gives h m / (k I) in each of two substeps; products of rates are small."""
     combat = Combat(Config(randomise=RandomiseConfig(inertia=0.5)))
-    start = jax.vmap(combat.spawn)(combat.draw(KEY, (SIZE,)))
+    start = jax.vmap(combat.spawn)(combat.start_numbers(KEY, (SIZE,)))
     action = jnp.zeros((SIZE, 2, 4)).at[..., 2].set(0.3)
     after, _ = jax.jit(jax.vmap(combat.step))(start, action)
     rate = after.qvel.reshape(SIZE, 2, 6)[..., 4]
@@ -159,10 +159,10 @@ def test_gusts_have_their_deviation_and_memory():
 
 def test_hashed_numbers_are_normal_and_independent():
     words, clocks = jnp.arange(200, dtype=jnp.uint32), jnp.arange(50)
-    draw = lambda stream: jax.vmap(
+    hashed = lambda stream: jax.vmap(
         lambda word: jax.vmap(lambda clock: noise.normals(word, clock, stream, 6))(clocks)
     )(words)
-    numbers, others = np.asarray(draw(noise.NOISE)), np.asarray(draw(noise.BIAS))
+    numbers, others = np.asarray(hashed(noise.NOISE)), np.asarray(hashed(noise.BIAS))
     assert abs(numbers.mean()) < 0.02 and abs(numbers.std() - 1) < 0.02
     assert abs(np.mean(numbers**4) - 3) < 0.15 and np.abs(numbers).max() < 6
     for one, two in (
@@ -179,7 +179,7 @@ def test_the_hover_pilot_holds_a_place_on_rotors(actuation: str):
     config = Config(sim=SimConfig(body="firmware", actuation=actuation))  # pyright: ignore
     combat = Combat(config)
     pilot = scripted.build_pilot("hover", config, combat.scene, DEFENDER)
-    start = jax.vmap(combat.spawn)(combat.draw(KEY, (2,)))
+    start = jax.vmap(combat.spawn)(combat.start_numbers(KEY, (2,)))
     start = start.replace(qvel=start.qvel.at[:, 3:6].set(jnp.asarray([3.0, -2.0, 1.0])))
 
     def step(state, _):

@@ -101,11 +101,11 @@ def test_a_drone_that_fell_lies_where_it_fell(arena: SimpleNamespace, fresh: Env
 
 def test_an_absent_defender_stands_where_it_starts(arena: SimpleNamespace):
     combat = arena.combat
-    draws = combat.draw(jax.random.key(1), (8,))
+    numbers = combat.start_numbers(jax.random.key(1), (8,))
     solo = Combat(Config(game=GameConfig(scenario="solo")), combat.scene)
-    start = jax.vmap(solo.spawn)(draws)
+    start = jax.vmap(solo.spawn)(numbers)
     np.testing.assert_array_equal(start.down, [[True, False]] * 8)
-    present = jax.vmap(combat.spawn)(draws)  # all else is as it would be
+    present = jax.vmap(combat.spawn)(numbers)  # all else is as it would be
     jax.tree.map(np.testing.assert_array_equal, start.replace(down=present.down), present)
     state = place(start, 0, attacker=(0, 5, 1))  # inside the defender
     for _ in range(5):

@@ -116,7 +116,9 @@ def test_key_is_used_once(arena: SimpleNamespace):
     with jax.debug_key_reuse(True):
         jax.jit(lambda key: combat.reset(key))(jax.random.key(0))
         with pytest.raises(KeyReuseError):  # so that the check can fail
-            jax.jit(lambda key: (combat.reset(key), combat.draw(key, (3,))))(jax.random.key(0))
+            jax.jit(lambda key: (combat.reset(key), combat.start_numbers(key, (3,))))(
+                jax.random.key(0)
+            )
 
 
 @pytest.mark.parametrize(

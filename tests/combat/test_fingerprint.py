@@ -13,7 +13,7 @@ from dronecombat_jax.combat.fingerprint import (
     environment_diff,
     environment_digest,
 )
-from dronecombat_jax.combat.observe import OBSERVATIONS
+from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.fields import (
     Config,
@@ -144,7 +144,8 @@ def other_value(key: str):
         return not entry.default
     if entry.kind == "choice":
         return next(choice for choice in entry.choices if choice != entry.default)
-    return entry.high if entry.kind == "int" else (entry.default + entry.high) / 2
+    other = entry.low if entry.default == entry.high else entry.high
+    return entry.high if entry.kind == "int" else (entry.default + other) / 2
 
 
 @pytest.mark.parametrize("key", GAME_SETTINGS)
@@ -200,7 +201,7 @@ def test_what_is_missing_on_one_side_is_a_difference():
 
 
 def test_fields_of_both_observations():
-    world, ego = OBSERVATIONS["world"].fields, OBSERVATIONS["ego"].fields
+    world, ego = (layout_of(name, GameConfig()).fields for name in ("world", "ego"))
     assert sum(size for _, size in world) == sum(size for _, size in ego) == 35
     assert [name for name, _ in world][:5] == ["p_d", "q_d", "p_a", "q_a", "p_t"]
     assert [name for name, _ in ego][:7] == [

@@ -52,8 +52,11 @@ def test_exploring_starts_move_over_ground_and_change_nothing_else(arena: Simple
     """In training alone: `spawn`, by which evaluations and tournaments start, stays at rest."""
     train = TrainConfig(start_speed=4.0)
     combat = Combat(Config(train=train), arena.combat.scene)
-    draws = combat.draw_exploring(jax.random.key(5), (len(NEVER),))
-    moving, at_rest = jax.vmap(combat.explore)(draws, NEVER), jax.vmap(combat.spawn)(draws[:, :9])
+    numbers = combat.exploring_numbers(jax.random.key(5), (len(NEVER),))
+    moving, at_rest = (
+        jax.vmap(combat.explore)(numbers, NEVER),
+        jax.vmap(combat.spawn)(numbers[:, :9]),
+    )
     velocity = np.asarray(moving.qvel).reshape(1000, 2, 2, 3)
     assert_uniform(velocity[:, :, 0, :2].reshape(1000, 4), -4.0, 4.0)
     assert not np.any(velocity[:, :, 0, 2]) and not np.any(velocity[:, :, 1])
@@ -61,18 +64,19 @@ def test_exploring_starts_move_over_ground_and_change_nothing_else(arena: Simple
     assert not np.any(at_rest.qvel)
 
     solo = Combat(Config(game=GameConfig(scenario="solo"), train=train), arena.combat.scene)
-    alone = jax.vmap(solo.explore)(draws, NEVER)  # the absent defender stands still
+    alone = jax.vmap(solo.explore)(numbers, NEVER)  # the absent defender stands still
     np.testing.assert_array_equal(alone.qvel, moving.qvel.at[:, :6].set(0.0))
 
 
 def test_without_start_speed_training_starts_as_the_game_does(arena: SimpleNamespace):
     key = jax.random.key(5)
-    draws = arena.combat.draw_exploring(key, (8,))
-    np.testing.assert_array_equal(draws, arena.combat.draw(key, (8,)))
+    numbers = arena.combat.exploring_numbers(key, (8,))
+    np.testing.assert_array_equal(numbers, arena.combat.start_numbers(key, (8,)))
+    np.testing.assert_array_equal(numbers, arena.combat.draw(key, (8,)))  # its older name
     jax.tree.map(
         np.testing.assert_array_equal,
-        jax.vmap(arena.combat.explore)(draws, NEVER[:8]),
-        jax.vmap(arena.combat.spawn)(draws),
+        jax.vmap(arena.combat.explore)(numbers, NEVER[:8]),
+        jax.vmap(arena.combat.spawn)(numbers),
     )
 
 

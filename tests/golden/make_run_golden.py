@@ -1,4 +1,4 @@
-"""Write `run_v2/`: a run's checkpoint as this version saves it, and what its policies do.
+"""Write `run_v3/`: a run's checkpoint as this version saves it, and what its policies do.
 `tests/runs/test_golden_run.py` reads it.
 
     python tests/golden/make_run_golden.py

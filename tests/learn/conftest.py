@@ -40,23 +40,23 @@ class Probe:
     def __init__(self, config: Config, task: Task):
         self.config, self.task = config, task
 
-    def draw(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    def start_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         return jax.random.uniform(key, (*shape, 1))
 
-    def spawn(self, draws: jax.Array) -> EnvState:
-        x = jnp.where(draws < 0.5, -1.0, 1.0)
+    def spawn(self, numbers: jax.Array) -> EnvState:
+        x = jnp.where(numbers < 0.5, -1.0, 1.0)
         return EnvState(
             qpos=x,
             qvel=jnp.zeros(1),
             target=jnp.zeros(3),
             clock=jnp.zeros((), jnp.int32),
-            out=jnp.zeros(2, bool),
+            down=jnp.zeros(2, bool),
         )
 
-    draw_exploring = draw
+    exploring_numbers = start_numbers
 
-    def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
-        state = self.spawn(draws)
+    def explore(self, numbers: jax.Array, alone: jax.Array) -> EnvState:
+        state = self.spawn(numbers)
         return state.replace(down=state.down.at[0].set(alone))
 
     def observe(self, state: EnvState) -> jax.Array:

@@ -42,8 +42,8 @@ class Delayed(Probe):
     the first action is credited with nothing unless the critic sees what was kept.
     """
 
-    def first(self, draws: jax.Array) -> jax.Array:
-        return jnp.zeros_like(draws)
+    def first(self, numbers: jax.Array) -> jax.Array:
+        return jnp.zeros_like(numbers)
 
     def observe(self, state: EnvState) -> jax.Array:
         return jnp.zeros((2, 35)).at[:, 0].set(state.clock)

@@ -66,7 +66,7 @@ def learn(make_probe, make_task):
     def program(task, learners, learning, seed):
         probe, key = make_probe(CONFIG, task), jax.random.key(seed)
         env = jax.vmap(probe.spawn)(
-            probe.draw(jax.random.fold_in(key, ITERATIONS), (CONFIG.train.num_envs,))
+            probe.start_numbers(jax.random.fold_in(key, ITERATIONS), (CONFIG.train.num_envs,))
         )
 
         def one(carry, i):
@@ -78,7 +78,7 @@ def learn(make_probe, make_task):
             learners, metrics = learn_from(CONFIG.learn, learners, rollout, shuffle, learning)
             return (learners, env, flown), summarize(CONFIG, rollout, at_each_step, metrics, None)
 
-        start = learners, env, tally.fresh(CONFIG.train.num_envs)
+        start = learners, env, tally.fresh(CONFIG.train.num_envs, 2)
         (learners, *_), metrics = jax.lax.scan(one, start, jnp.arange(ITERATIONS))
         return learners, metrics
 

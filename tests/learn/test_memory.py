@@ -31,8 +31,8 @@ REMEMBERING = pytest.mark.parametrize("learn", [FRAMES], ids=lambda learn: learn
 class Cue(Probe):
     """What to do in the last step, -1 or 1, is shown in the first one alone."""
 
-    def first(self, draws: jax.Array) -> jax.Array:
-        return jnp.where(draws < 0.5, -1.0, 1.0)
+    def first(self, numbers: jax.Array) -> jax.Array:
+        return jnp.where(numbers < 0.5, -1.0, 1.0)
 
     def observe(self, state: EnvState) -> jax.Array:
         shown = jnp.where(state.clock == 0, state.qpos, 0.0)
@@ -159,6 +159,7 @@ def test_a_policy_takes_what_it_needs_of_a_longer_memory():
     longer = jnp.concatenate([recall, 7.0 * jnp.ones((5, 3))], axis=1)
     mean, after = policy_step(FRAMES, policy, seen, recall)
     again, kept = policy_step(FRAMES, policy, seen, longer)
+    assert kept is not None
     assert np.array_equal(mean, again) and np.array_equal(kept[:, :size], after)
     assert np.all(kept[:, size:] == 7.0)
     with pytest.raises(ValueError, match="remembers"):

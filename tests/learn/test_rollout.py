@@ -35,7 +35,7 @@ def learners():
 @pytest.fixture(scope="module")
 def flown(make_probe, make_task, learners):
     probe = make_probe(Config(learn=LEARN), make_task(length=3, constant=(1.0, 2.0)))
-    start = jax.vmap(probe.spawn)(probe.draw(jax.random.key(1), (NUM_ENVS,)))
+    start = jax.vmap(probe.spawn)(probe.start_numbers(jax.random.key(1), (NUM_ENVS,)))
     start = start.replace(clock=jnp.arange(NUM_ENVS, dtype=jnp.int32) % 3)
     return start, *jax.jit(
         lambda: collect(probe, flying(learners), start, jax.random.key(2), jax.random.key(3))

@@ -4,6 +4,7 @@ import hashlib
 import sys
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import jax
 import numpy as np
@@ -117,7 +118,8 @@ def test_file_and_run_draw_with_the_log_std_that_was_flown(here, case):
         assert contender.player and isinstance(contender.player.pilot, Policy)
         np.testing.assert_array_equal(contender.player.pilot.log_std, np.float32(flown))
     seen = np.zeros((1, 2, 35), np.float32)
-    drawn = [policy_pilot(config.learn, policy, 0, draw)(None, seen, KEY) for draw in (False, True)]
+    pilot: Any = policy_pilot
+    drawn = [pilot(config.learn, policy, 0, draw)(None, seen, KEY) for draw in (False, True)]
     noise = jax.random.normal(KEY, (1, 4))
     np.testing.assert_allclose(
         drawn[1] - drawn[0], np.exp(np.float32(flown)) * noise, rtol=1e-4, atol=1e-6

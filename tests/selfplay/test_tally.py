@@ -32,7 +32,7 @@ def rollout(done, reward, clock) -> SimpleNamespace:
 def test_steps_and_returns_are_of_what_was_flown():
     # one environment whose clock began at 7: its fight ends after 2 steps, the next after 3
     clock = [[8], [9], [1], [2], [3]]
-    flown = tally.fresh(1)
+    flown = tally.fresh(1, 2)
     made = rollout([[0], [1], [0], [0], [1]], [[1.0], [10.0], [2.0], [3.0], [4.0]], clock)
     after, at = tally.follow(flown, made, jnp.asarray([NOBODY]))  # pyright: ignore
     assert at.steps[:, 0].tolist() == [1, 2, 1, 2, 3] and at.returns[:, 0, 0].tolist() == [
@@ -48,7 +48,7 @@ def test_steps_and_returns_are_of_what_was_flown():
 
 def test_a_fight_counts_for_the_opponent_that_flew_all_of_it():
     """60 steps flown by the live attacker, one by slot 0: nobody's fight."""
-    flown = tally.fresh(2)
+    flown = tally.fresh(2, 2)
     quiet = rollout(np.zeros((60, 2)), np.zeros((60, 2)), np.arange(1, 61)[:, None] * [1, 1])
     flown, _ = tally.follow(flown, quiet, jnp.full(2, NOBODY))  # pyright: ignore
     end = rollout([[1, 0], [0, 0], [1, 1]], np.zeros((3, 2)), [[61, 61], [1, 62], [2, 63]])
@@ -63,7 +63,7 @@ def test_a_fight_counts_for_the_opponent_that_flew_all_of_it():
 
 
 def test_a_fight_under_way_of_which_nothing_is_known_never_counts():
-    flown = tally.unknown(1)
+    flown = tally.unknown(1, 2)
     clock = 40
     for _ in range(3):
         step = rollout([[0]], [[0.0]], [[clock + 1]])

@@ -26,19 +26,19 @@ class Probe:
     def __init__(self, config: Config):
         self.config = config
 
-    def draw_exploring(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    def exploring_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         return jax.random.uniform(key, (*shape, 2))
 
-    def explore(self, draws: jax.Array, alone: jax.Array) -> EnvState:
+    def explore(self, numbers: jax.Array, alone: jax.Array) -> EnvState:
         return EnvState(
-            qpos=self.first(draws),
+            qpos=self.first(numbers),
             qvel=jnp.zeros(1),
             target=jnp.zeros(3),
             clock=jnp.zeros((), jnp.int32),
             down=jnp.zeros(2, bool),
         )
 
-    def first(self, draws: jax.Array) -> jax.Array:
+    def first(self, numbers: jax.Array) -> jax.Array:
         """What the fight is about at its start, [A], from uniform numbers [A]."""
         raise NotImplementedError
 
@@ -77,8 +77,8 @@ def paid_at_last(probe: Any, learners: Any) -> np.ndarray:
 
     @partial(jax.jit, compiler_options=QUICK_TO_COMPILE)
     def program(learners):
-        draws = probe.draw_exploring(jax.random.key(7), (envs,))
-        env = jax.vmap(probe.explore, (0, None))(draws, jnp.zeros((), bool))
+        numbers = probe.exploring_numbers(jax.random.key(7), (envs,))
+        env = jax.vmap(probe.explore, (0, None))(numbers, jnp.zeros((), bool))
 
         def one(carry, i):
             learners, env = carry

@@ -230,7 +230,9 @@ def test_a_policy_of_an_own_drone_flies_where_its_mjcf_is_named(tmp_path: Path):
         assert field.config.sim == own.sim and field.notices == ()
     error = refusal([file, "scripted:all"])
     assert "scene.attacker.inertia is [2.3951e-05, 2.3951e-05, 3.2347e-05] there" in error.message
-    assert "tournament --mjcf FILE names the MJCF that they were trained with" in error.message
+    assert (
+        "tournament --mjcf FILE names the MJCF or TOML that they were trained with" in error.message
+    )
     moved = write(tmp_path, name="moved.xml")
     (tmp_path / "drone.xml").unlink()
     for words in ([file, "scripted:all"], [run]):

@@ -4,16 +4,22 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from policies import SIZES, make_info, make_policy
 from saved_runs import TOY, damage, write_run
 
+from dronecombat_jax.arena.match import policy_pilot
+from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import environment
+from dronecombat_jax.combat.observe import observation_of
 from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config, SensorConfig
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.policies.file import save_policy
+from dronecombat_jax.types import SIDES
 from dronecombat_jax.watch.flyers import Named, chunks_along, last_run, of_run, read_crew
 
 
@@ -124,6 +130,34 @@ def test_policies_of_another_game_fly_only_when_allowed(home: Path, tmp_path: Pa
         read_crew(Named(words))
     crew = read_crew(Named(words, allow_mismatch=True))
     assert environment(crew.config) == environment(TOY)
+
+
+def test_sight_may_differ_where_the_numbers_are_as_many(tmp_path: Path):
+    """A camera of 90 degrees flies with one that sees all round; four slots do not fit two."""
+
+    def crew(name: str, first: Config, second: Config):
+        words = [str(tmp_path / f"{name}-{role}.safetensors") for role in SIDES]
+        for word, role, config in zip(words, SIDES, (first, second), strict=True):
+            sizes = (observation_of(config).size, 16, 8, 4)
+            info = make_info(config, role=role, layer_sizes=sizes)
+            save_policy(Path(word), make_policy(sizes), info)
+        return read_crew(Named(tuple(words), allow_mismatch=True))
+
+    seen = lambda name, **game: replace(TOY, game=replace(TOY.game, observation=name, **game))
+    narrow = replace(seen("bearing"), sensor=SensorConfig(field_of_view=90.0))
+    both = crew("camera", seen("bearing"), narrow)
+    assert both.config.sensor == SensorConfig()
+    combat = Combat(both.config)
+    state = jax.vmap(combat.reset)(jax.random.split(jax.random.key(0), 3))
+    observed = jax.vmap(combat.observe)(state)
+    for role, flyer in enumerate(both.flyers):
+        action = policy_pilot(flyer.learn, flyer.pilot, role)(state, observed, jax.random.key(1))
+        assert action.shape == (3, 4) and np.isfinite(action).all()
+    crew("alike", seen("nearest", nearest_k=4), seen("nearest", nearest_k=4))
+    with pytest.raises(
+        UserError, match="sees 99 numbers, and observation nearest of this game has 59"
+    ):
+        crew("slots", seen("nearest"), seen("nearest", nearest_k=4))
 
 
 def test_in_a_solo_run_nobody_can_defend(tmp_path: Path):

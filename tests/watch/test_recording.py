@@ -30,7 +30,7 @@ def combat() -> Coasting:
 
 
 def test_a_fight_is_that_of_a_tournament_however_many_are_recorded(combat: Coasting):
-    """By `match.fight` of that fight alone, with the key that gives a tournament's draws."""
+    """By `match.fight` of that fight alone, with the key that gives a tournament's random numbers."""
     two, three = (
         recorder(combat, Filming(count, 7, stochastic=True))(*POLICIES) for count in (2, 3)
     )

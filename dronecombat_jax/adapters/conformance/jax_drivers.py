@@ -54,12 +54,12 @@ class JaxDriver(Driver):
         self._last: tuple = ()
 
     def call(self, program: Callable, *arguments: Any) -> Any:
-        """The program's result; what it was given is kept, to be traced with at the end."""
+        """The program's result; its arguments are kept, to trace it again at the end."""
         self._last = arguments
         return program(*arguments)
 
     def keep(self, state: Any) -> None:
-        """Take the state that came out; notes one of another type than that which went in."""
+        """Take the new state; note it where its type is not that of the old one."""
         if self._state is not None and _described(state) != _described(self._state):
             self.note(
                 "state-type",
@@ -133,9 +133,9 @@ class BraxDriver(JaxDriver):
             if name in state.info:
                 truncated |= np.asarray(state.info[name]).astype(bool)
         reward = self.require_reward(state.reward, shape)[:, None]
-        told = over & (named is not None)
+        shown = over & (named is not None)
         return Look(
-            observation, final, told, reward, over & ~truncated, over & truncated,
+            observation, final, shown, reward, over & ~truncated, over & truncated,
             np.ones(shape, bool), over,
         )  # fmt: skip
 
@@ -170,19 +170,21 @@ class JaxMarlDriver(JaxDriver):
     def step(self, actions: NDArray) -> Look:
         shape, width = (self.number,), (self.number, len(self.agents))
         self._key, key = jax.random.split(self._key)
-        given = {one: actions[:, index] for index, one in enumerate(self.agents)}
+        given = {agent: actions[:, index] for index, agent in enumerate(self.agents)}
         keys = jax.random.split(key, self.number)
         seen, state, rewards, dones, infos = self.call(self._step, keys, self._state, given)
         self.keep(state)
-        for name, told in (("observations", seen), ("rewards", rewards), ("dones", dones)):
-            if not set(self.agents) <= set(told):
+        for name, by_agent in (("observations", seen), ("rewards", rewards), ("dones", dones)):
+            if not set(self.agents) <= set(by_agent):
                 raise UserError(f"check: {name} lack an agent; JaxMARL's name all of them")
         observation = self._gather(seen, "observation")
         over = self.require_flags(dones["__all__"], "dones['__all__']", shape)
-        each = [self.require_flags(dones[one], f"dones['{one}']", shape) for one in self.agents]
+        each = [
+            self.require_flags(dones[agent], f"dones['{agent}']", shape) for agent in self.agents
+        ]
         if np.any(over & ~np.all(each, axis=0)):
             self.note("dones", "dones['__all__'] is set where an agent's own is not")
-        columns = [self.require_reward(rewards[one], shape) for one in self.agents]
+        columns = [self.require_reward(rewards[agent], shape) for agent in self.agents]
         named = next((name for name in FINAL if name in infos), None)
         final = observation if named is None else self._final(infos[named])
         truncated = self._truncated(infos)

@@ -62,14 +62,14 @@ class GymnasiumDriver(Driver):
         truncated = self.require_flags(truncated, "truncated", shape)
         reward = self.require_reward(reward, shape)
         over = (terminated | truncated) & flown
-        final, told, begun = observation.copy(), over.copy(), ~flown
+        final, shown, begun = observation.copy(), over.copy(), ~flown
         if self.mode == "SAME_STEP":
-            final, told, begun = self._final(final, over, infos), self._told(over, infos), over
+            final, shown, begun = self._final(final, over, infos), self._shown(over, infos), over
         elif self.mode == "DISABLED" and over.any():
             again, _ = self.env.reset(options={"reset_mask": over.copy()})
             observation, begun = self._keep(again, "observation"), over
         self._over = over
-        return Look(observation, final, told, reward[:, None], terminated, truncated, flown, begun)
+        return Look(observation, final, shown, reward[:, None], terminated, truncated, flown, begun)
 
     def _keep(self, seen: Any, what: str) -> NDArray:
         """A copy [N, 1, ...]; notes what was handed out before and has changed since."""
@@ -79,8 +79,8 @@ class GymnasiumDriver(Driver):
         self._given = (seen, np.array(seen))
         return np.array(array)[:, None]
 
-    def _told(self, over: NDArray[np.bool_], infos: dict[str, Any]) -> NDArray[np.bool_]:
-        """Which of the fights that are over handed out their final observation."""
+    def _shown(self, over: NDArray[np.bool_], infos: dict[str, Any]) -> NDArray[np.bool_]:
+        """Which of the fights that ended gave their final observation."""
         final = infos.get("final_obs")
         if final is None:
             return np.zeros(self.number, bool)
@@ -90,8 +90,8 @@ class GymnasiumDriver(Driver):
         return over & np.asarray([end is not None for end in final], bool)
 
     def _final(self, seen: NDArray, over: NDArray[np.bool_], infos: dict[str, Any]) -> NDArray:
-        told = self._told(over, infos)
-        for index in np.flatnonzero(told):
+        shown = self._shown(over, infos)
+        for index in np.flatnonzero(shown):
             end = np.asarray(infos["final_obs"][index])
             seen[index] = self.require_space(end[None], 0, "final observation")
         return seen
@@ -125,22 +125,22 @@ class PettingZooDriver(Driver):
 
     def step(self, actions: NDArray) -> Look:
         acted = list(self._living)
-        given = {one: actions[0, self.agents.index(one)] for one in acted}
+        given = {agent: actions[0, self.agents.index(agent)] for agent in acted}
         observation, rewards, terminated, truncated, infos = self.env.step(given)
         named = {
             "observations": observation, "rewards": rewards, "terminations": terminated,
             "truncations": truncated, "infos": infos,
         }  # fmt: skip
-        for name, told in named.items():
-            self._require_keys(name, told, acted)
-        over = [self._flag(terminated, one) or self._flag(truncated, one) for one in acted]
+        for name, by_agent in named.items():
+            self._require_keys(name, by_agent, acted)
+        over = [self._flag(terminated, agent) or self._flag(truncated, agent) for agent in acted]
         self._leave(acted, over)
         final = self._gather(observation, "observation")[None]
         ended = not self._living
-        decided = any(self._flag(terminated, one) for one in acted)
+        decided = any(self._flag(terminated, agent) for agent in acted)
         reward = np.zeros((1, len(self.agents)))
-        for one in acted:
-            reward[0, self.agents.index(one)] = self.require_reward(rewards.get(one, 0.0), ())
+        for agent in acted:
+            reward[0, self.agents.index(agent)] = self.require_reward(rewards.get(agent, 0.0), ())
         following = self.reset(None) if ended else final
         flags = np.full(1, ended)
         return Look(

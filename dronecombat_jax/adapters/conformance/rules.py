@@ -38,7 +38,7 @@ def different_seeds(driver: Driver, flights: Mapping[str, Trace], unseen: list[s
 
 
 def going_on(driver: Driver, flights: Mapping[str, Trace], unseen: list[str]) -> None:
-    """`reset` without a seed goes on drawing: it does not begin the seed's fights again."""
+    """`reset` without a seed gives the next fights: it does not begin the seed's fights again."""
     if not driver.reseeds:
         return
     first, second = driver.reset(3).copy(), driver.reset(None).copy()
@@ -65,9 +65,9 @@ def final_observation(driver: Driver, flights: Mapping[str, Trace], unseen: list
     if not len(ends):
         unseen.append("final-observation, truncation and all of ends: no fight ended; more steps?")
         return
-    untold = int(np.sum(first.ended & ~first.look.told))
-    if untold:
-        text = f"{untold} of {len(ends)} ends did not hand out their final observation"
+    missing = int(np.sum(first.ended & ~first.look.shown))
+    if missing:
+        text = f"{missing} of {len(ends)} ends did not hand out their final observation"
         driver.note("final-observation", text)
         return
     before, final, following = first.before(), first.look.final, _following(first)

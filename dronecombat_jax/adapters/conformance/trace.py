@@ -27,7 +27,7 @@ class Look(NamedTuple):
 
     observation: NDArray  # [N, A, ...] on which the next action follows
     final: NDArray  # [N, A, ...] after the step, before any new beginning
-    told: NDArray[np.bool_]  # [N] the final observation of a fight that ended was handed out
+    shown: NDArray[np.bool_]  # [N] the final observation of a fight that ended was handed out
     reward: NDArray[np.float64]  # [N, A]
     terminated: NDArray[np.bool_]  # [N]
     truncated: NDArray[np.bool_]  # [N]
@@ -58,7 +58,7 @@ class Driver(ABC):
     number: int  # N
     spaces: list[tuple[Any, Any]]  # of each agent: observations, actions
     time_limit: int | None = None
-    reseeds: bool = True  # `reset(None)` goes on drawing
+    reseeds: bool = True  # `reset(None)` gives the next fights
 
     def __init__(self, env: Any):
         self.env = env
@@ -76,7 +76,7 @@ class Driver(ABC):
         """Whatever else is to be tried, at the very end."""
 
     def note(self, rule: str, text: str) -> None:
-        """Note a fault; each rule is told once."""
+        """Note a fault, once for each rule."""
         if all(fault.rule != rule for fault in self.faults):
             self.faults.append(Fault(rule, text))
 
@@ -123,8 +123,8 @@ class Driver(ABC):
 
 
 def plan(driver: Driver, steps: int, seed: int) -> NDArray:
-    """Actions [T, N, A, ...]: for `BLOCK` steps they are drawn at each step, for as many they are held
-    at a corner of their space, then nearest to 0; fights take turns.
+    """Actions [T, N, A, ...] in blocks of `BLOCK` steps: random at each step, then held at a corner
+    of their space, then held nearest to 0; fights take turns.
     """
     random = np.random.default_rng([seed, 7])
     each = [_draw(space, (steps, driver.number), random) for _, space in driver.spaces]

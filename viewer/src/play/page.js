@@ -159,8 +159,8 @@ export class Page {
     const opponent = this.data.opponents[1 - person].label;
     write(this.title, `Fly against ${opponent}`);
     write(this.about, `You fly the ${ROLES[person]}; the ${ROLES[1 - person]} is ${opponent}`);
-    const drawn = score.drawn ? `, drawn ${score.drawn}` : "";
-    write(this.score, `You ${score.won} : ${score.lost}${drawn}`);
+    const ties = score.tied ? `, ${score.tied} tied` : "";
+    write(this.score, `You ${score.won} : ${score.lost}${ties}`);
     for (const { nodes, value } of [
       { nodes: this.speeds.nodes, value: session.speed },
       { nodes: this.sides.nodes, value: person },

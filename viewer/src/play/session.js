@@ -22,7 +22,7 @@ export class Session {
     this.person = person;
     this.opponent = this.game.pilot(this.opponents[1 - person], 1 - person);
     this.hand = new HandPilot(this.game, person);
-    this.score = { won: 0, lost: 0, drawn: 0 };
+    this.score = { won: 0, lost: 0, tied: 0 };
     this.prepare();
   }
 
@@ -108,7 +108,7 @@ export class Session {
   finish() {
     const { winner } = this.end;
     const own = ["defender", "attacker"][this.person];
-    this.score[winner === "nobody" ? "drawn" : winner === own ? "won" : "lost"] += 1;
+    this.score[winner === "nobody" ? "tied" : winner === own ? "won" : "lost"] += 1;
     this.before = this.state;
     this.enter("over");
   }

@@ -17,7 +17,7 @@ export function banner(session) {
   }
   if (phase !== "over") return nothing;
   const own = ["defender", "attacker"][person];
-  const result = end.winner === own ? "You win" : end.winner === "nobody" ? "A draw" : "You lose";
+  const result = end.winner === own ? "You win" : end.winner === "nobody" ? "A tie" : "You lose";
   const small = `${end.sentence} after ${session.time.toFixed(2)}\u00a0s.`;
   return { large: result, small, button: "Again", winner: end.winner };
 }

@@ -17,7 +17,7 @@ export class Game {
     this.dt = game.flight.timestep * game.flight.substeps;
   }
 
-  /** A fight about to start; `random`: draws of [0, 1). */
+  /** A fight about to start; `random`: random numbers in [0, 1). */
   spawn(random = Math.random) {
     const { places, uniform, half_width: half, low, high, spread } = this.start;
     const [defender, attacker, target] = places.map((place, i) => {

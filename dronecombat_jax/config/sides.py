@@ -1,0 +1,35 @@
+"""Which side each drone of a fight is on, and what it is called.
+
+Drones are in one order everywhere: all defenders, then all attackers. Nothing imports JAX.
+"""
+
+from dronecombat_jax.config.opponents import SIDES as NAMES
+
+Sides = tuple[int, ...]  # the side of each drone: 0 the defender's, 1 the attacker's
+DUEL: Sides = (0, 1)
+MAX_TEAM = 8
+
+
+def sides_of(defenders: int, attackers: int) -> Sides:
+    """The side of each drone."""
+    return (0,) * defenders + (1,) * attackers
+
+
+def team(sides: Sides, side: int) -> slice:
+    """The drones of one side: its team."""
+    first = sides.index(side)
+    return slice(first, first + sides.count(side))
+
+
+def drone_names(sides: Sides) -> tuple[str, ...]:
+    """The drones' names: `defender` where it flies alone, else `defender1`, `defender2`, ..."""
+    names = []
+    for drone, side in enumerate(sides):
+        number = drone - team(sides, side).start + 1
+        names.append(NAMES[side] if sides.count(side) == 1 else f"{NAMES[side]}{number}")
+    return tuple(names)
+
+
+def spelt(sides: Sides) -> str:
+    """The sizes of both sides in words, such as "2 against 1": defenders, then attackers."""
+    return f"{sides.count(0)} against {sides.count(1)}"

@@ -120,11 +120,21 @@ class RewardTerms(NamedTuple):
     timeout: jax.Array
 
 
+class Encoder(struct.PyTreeNode):
+    """One layer for the slots of others in observation `nearest`: G groups, team mates and opponents,
+    each with weights of its own, which the slots of a group share.
+    """
+
+    weights: jax.Array  # [G, 9, E]
+    biases: jax.Array  # [G, E]
+
+
 class MLP(struct.PyTreeNode):
     """A multilayer perceptron: `weights[i]` is [in, out], `biases[i]` is [out]."""
 
     weights: tuple[jax.Array, ...]
     biases: tuple[jax.Array, ...]
+    others: Encoder | None = None  # before the first layer; None: it sees the slots side by side
 
 
 class Parameters(struct.PyTreeNode):

@@ -23,7 +23,7 @@ class Effect(NamedTuple):
     """How one side fares under the change; NaN where a number cannot be had."""
 
     role: int
-    nominal: float  # mean score over the cells that were flown in both: a win 1, a draw 1/2
+    nominal: float  # mean score over the cells that were flown in both: a win 1, a tie 1/2
     score: float  # the same under the change
     loss: float  # the first minus the second
     low: float  # of the loss's 95 % interval (Student's t over the starts)
@@ -84,7 +84,7 @@ def _by_start(result: TournamentResult, flown: NDArray[np.bool_], role: int) -> 
 
 
 def _interval(losses: NDArray[Any]) -> tuple[float, float]:
-    """95 % of the mean of independent losses [E]."""
+    """95 % interval of the mean of independent losses [E]."""
     if len(losses) < 2:
         return np.nan, np.nan
     half = float(stats.t.ppf(0.975, len(losses) - 1)) * float(stats.sem(losses))
@@ -94,7 +94,7 @@ def _interval(losses: NDArray[Any]) -> tuple[float, float]:
 
 def _ratings(result: TournamentResult, flown: NDArray[np.bool_], role: int) -> NDArray[Any]:
     """Bradley-Terry ratings of the players of `role` who flew, by the cells `flown`."""
-    wins, draws, losses = (np.where(flown, number, 0) for number in scores(result))
-    rating = bradley_terry(wins, losses, draws).rating
+    wins, ties, losses = (np.where(flown, number, 0) for number in scores(result))
+    rating = bradley_terry(wins, losses, ties).rating
     side = rating[flown.shape[0] :] if role else rating[: flown.shape[0]]
     return side[np.atleast_1d(flown.any(axis=1 - role))]

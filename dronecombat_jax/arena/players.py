@@ -39,6 +39,7 @@ class Kind(NamedTuple):
     scripted: bool  # scripted pilots fly among them
     observation: str = ""  # what the policies see, as in `Player`
     memory: int = 0  # numbers that the policies remember of a fight
+    others: int = 0  # units of their layer for slots of others (`types.Encoder`); 0: none
 
 
 def alike(players: Sequence[Player]) -> list[list[int]]:
@@ -56,9 +57,9 @@ def alike(players: Sequence[Player]) -> list[list[int]]:
 def kind_of(players: Sequence[Player]) -> Kind:
     """What a program must be able to fly for players who are `alike`."""
     networks = {_network(player) for player in players}
-    nothing = ((), False, "", 0)
-    sizes, normalize, observation, memory = next(filter(None, networks), nothing)
-    return Kind(sizes, normalize, None in networks, observation, memory)
+    nothing = ((), False, "", 0, 0)
+    sizes, normalize, observation, memory, others = next(filter(None, networks), nothing)
+    return Kind(sizes, normalize, None in networks, observation, memory, others)
 
 
 def stack(players: Sequence[Player]) -> Policy | None:
@@ -104,12 +105,13 @@ def content_words(identity: str) -> NDArray[np.uint32]:
     return np.frombuffer(hashlib.sha256(identity.encode()).digest()[:8], "<u4").astype(np.uint32)
 
 
-def _network(player: Player) -> tuple[tuple[int, ...], bool, str, int] | None:
-    """Widths of its network, whether it normalises, what it sees, and how much it remembers; None
-    for a scripted pilot.
+def _network(player: Player) -> tuple[tuple[int, ...], bool, str, int, int] | None:
+    """Widths of its network, whether it normalises, what it sees, how much it remembers, and units
+    of its encoder of others; None for a scripted pilot.
     """
     if isinstance(player.pilot, str):
         return None
-    weights = player.pilot.network.weights
-    sizes = weights[0].shape[0], *(weight.shape[1] for weight in weights)
-    return sizes, player.normalize, player.observation, memory_size(player.pilot)
+    network, size = player.pilot.network, player.pilot.observation_scaler.mean.shape[0]
+    sizes = size, *(weight.shape[1] for weight in network.weights)
+    others = 0 if network.others is None else network.others.biases.shape[-1]
+    return sizes, player.normalize, player.observation, memory_size(player.pilot), others

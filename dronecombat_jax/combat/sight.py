@@ -17,7 +17,10 @@ Fields = tuple[tuple[str, int], ...]
 OWN_FIELDS: Fields = (
     ("p_self", 3), ("q_self", 4), ("p_t", 3), ("v_self", 3), ("w_self", 3), ("g_self", 3),
 )  # fmt: skip
+OWN_SIZE = sum(length for _, length in OWN_FIELDS)
 GROUPS = ("mate", "opponent")  # whom the slots of `observe_nearest` are of
+SLOT_FIELDS: Fields = (("p", 3), ("v", 3), ("z", 3), ("seen", 1))  # of one slot
+SLOT_SIZE = sum(length for _, length in SLOT_FIELDS)
 DOWN = (0.0, 0.0, -1.0)
 
 
@@ -66,13 +69,8 @@ def observe_bearing(
 def nearest_fields(k: int) -> Fields:
     """The parts of `observe_nearest`: `OWN_FIELDS`, k slots of team mates, k of opponents."""
     slots = [f"{group}{slot}" for group in GROUPS for slot in range(1, k + 1)]
-    slot_fields = lambda slot: (
-        (f"p_{slot}", 3),
-        (f"v_{slot}", 3),
-        (f"z_{slot}", 3),
-        (f"seen_{slot}", 1),
-    )
-    return (*OWN_FIELDS, *(part for slot in slots for part in slot_fields(slot)))
+    told = ((f"{name}_{slot}", length) for slot in slots for name, length in SLOT_FIELDS)
+    return (*OWN_FIELDS, *told)
 
 
 def observe_nearest(
@@ -105,7 +103,8 @@ def observe_nearest(
     groups = []
     for group in (allied & ~np.eye(count, dtype=bool), ~allied):
         shown = jnp.asarray(group) if seen is None else group & seen
-        nearest = jnp.argsort(jnp.where(shown, distance, jnp.inf), axis=-1)[:, :k, None]
+        known: jax.Array = jnp.where(shown, distance, jnp.inf)
+        nearest = jnp.argsort(known, axis=-1)[:, :k, None]
         slots = jnp.take_along_axis(jnp.where(shown[..., None], described, 0.0), nearest, axis=1)
         groups.append(jnp.pad(slots, ((0, 0), (0, max(k - count, 0)), (0, 0))).reshape(count, -1))
     return jnp.concatenate([own_state(drones, target), *groups], axis=-1)

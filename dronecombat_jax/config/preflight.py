@@ -12,7 +12,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from dronecombat_jax.config import body_file, opponent_rules
+from dronecombat_jax.config import body_file, network_rules, opponent_rules
 from dronecombat_jax.config.devices import uneven_devices
 from dronecombat_jax.config.estimates import (
     bytes_in_words,
@@ -39,6 +39,7 @@ def problems(config: Config) -> list[Problem]:
         *_flight(config),
         *_game(config),
         *_learning(config),
+        *network_rules.broken(config),
         *_selfplay(config),
         *opponent_rules.broken(config),
         *_training(config),
@@ -219,6 +220,11 @@ def _learning(config: Config) -> Iterator[Problem]:
         yield Problem(
             ("learn.critic", "learn.algorithm"),
             f"learn.critic = central needs learn.algorithm = ppo: what {learn.algorithm} sees is its own business",
+        )
+    if learn.memory != "none" and learn.others != "flat":
+        yield Problem(
+            ("learn.memory", "learn.others"),
+            f"learn.memory = {learn.memory} needs learn.others = flat: slots of others are seen as they are now",
         )
     if learn.memory != "none" and learn.algorithm != "ppo":
         yield Problem(

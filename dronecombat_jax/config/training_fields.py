@@ -29,6 +29,12 @@ class LearnConfig:
         low=2,
         high=64,
     )
+    others: Literal["flat", "mean"] = setting(
+        "flat",
+        "what networks make of the slots of observation nearest: numbers as any; or the mean of one "
+        "layer over those who are seen, so that a policy flies in every size of team",
+    )
+    others_size: int = setting(32, "units of that layer", low=1, high=1024)
     hidden_sizes: tuple[int, ...] = setting(
         (256, 128), "hidden units of policy and value networks", low=1, high=8192
     )

@@ -18,7 +18,13 @@ from dronecombat_jax.learn.networks import (
     init_parameters,
     project_log_std,
 )
-from dronecombat_jax.learn.normalize import denormalize, init_scaler, normalize, update_scaler
+from dronecombat_jax.learn.normalize import (
+    denormalize,
+    init_scaler,
+    normalize,
+    update_scaler,
+    with_fixed_slots,
+)
 from dronecombat_jax.learn.optimize import optimize, optimizer
 from dronecombat_jax.learn.rollout import policy_of, scaled
 from dronecombat_jax.types import (
@@ -43,7 +49,7 @@ def init_learner(
     return Learner(
         parameters=parameters,
         optimizer=optimizer(learn).init(parameters),
-        observation_scaler=init_scaler((observation_size,)),
+        observation_scaler=with_fixed_slots(learn, init_scaler((observation_size,))),
         value_scaler=init_scaler(()),
         learning_rate=jnp.asarray(learn.learning_rate, jnp.float32),
         critic_scaler=None if critic_size is None else init_scaler((critic_size,)),
@@ -91,6 +97,7 @@ def update_learner(
         learner = learner.replace(critic_scaler=scaler)
     learner, metrics = optimize(learn, learner, batch, key)
     scaler = update_scaler(learner.observation_scaler, observation, weight)
+    scaler = with_fixed_slots(learn, scaler)
     return learner.replace(observation_scaler=scaler), metrics
 
 

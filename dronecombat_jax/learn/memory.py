@@ -16,7 +16,11 @@ from dronecombat_jax.types import EnvState, Policy
 
 
 def memory_size(policy: Policy) -> int:
-    """Numbers that a policy remembers of a fight; 0: it sees the present alone."""
+    """Numbers that a policy remembers of a fight; 0: it sees the present alone, as all do that have
+    an encoder of others.
+    """
+    if policy.network.others is not None:
+        return 0
     return policy.network.weights[0].shape[-2] - policy.observation_scaler.mean.shape[-1]
 
 

@@ -5,9 +5,11 @@ import math
 import jax
 import jax.numpy as jnp
 
+from dronecombat_jax.combat.sight import GROUPS, OWN_SIZE, SLOT_SIZE
 from dronecombat_jax.config.fields import LearnConfig
-from dronecombat_jax.types import ACTION_SIZE, MLP, OBSERVATION_SIZE, Parameters
+from dronecombat_jax.types import ACTION_SIZE, MLP, OBSERVATION_SIZE, Encoder, Parameters
 
+OTHERS = 1000  # what an encoder's key is folded from; layers count from 0
 # exp(r) - 1 - r over r^2, for |r| <= ln(2) / 2: the polynomial with the least largest error of exp
 # (Remez), 3e-9.
 EXPM1_TAIL = (0.5, 0.16666518, 0.041666206, 0.0083688898, 0.0013950494)
@@ -39,17 +41,44 @@ def init_parameters(
         observation_size *= learn.frames
     seen = observation_size if critic_size is None else critic_size
     return Parameters(
-        policy=init_mlp(
-            policy_key,
-            (observation_size, *learn.hidden_sizes, ACTION_SIZE),
-            learn.hidden_gain,
-            learn.policy_output_gain,
+        policy=_init_network(
+            policy_key, learn, observation_size, ACTION_SIZE, learn.policy_output_gain
         ),
         log_std=jnp.full(ACTION_SIZE, learn.initial_log_std, jnp.float32),
-        value=init_mlp(
-            value_key, (seen, *learn.hidden_sizes, 1), learn.hidden_gain, learn.hidden_gain
+        value=_init_network(
+            value_key, learn, seen, 1, learn.hidden_gain, slots=critic_size is None
         ),
     )
+
+
+def _init_network(
+    key: jax.Array,
+    learn: LearnConfig,
+    inputs: int,
+    outputs: int,
+    output_gain: float,
+    slots: bool = True,
+) -> MLP:
+    """A network of `learn.hidden_sizes`; with an encoder where `learn.others` asks for one and what
+    it sees has `slots`.
+    """
+    encodes = slots and learn.others == "mean"
+    inputs = encoded_size(learn.others_size) if encodes else inputs
+    mlp = init_mlp(key, (inputs, *learn.hidden_sizes, outputs), learn.hidden_gain, output_gain)
+    return mlp.replace(others=init_encoder(key, learn)) if encodes else mlp
+
+
+def init_encoder(key: jax.Array, learn: LearnConfig) -> Encoder:
+    """Orthogonal weights, zero biases; `key` as of the network that it stands before."""
+    draw = jax.nn.initializers.orthogonal(learn.hidden_gain)
+    shape = (len(GROUPS), SLOT_SIZE - 1, learn.others_size)
+    weights = draw(jax.random.fold_in(key, OTHERS), shape, jnp.float32)
+    return Encoder(weights=weights, biases=jnp.zeros((len(GROUPS), learn.others_size)))
+
+
+def encoded_size(others_size: int) -> int:
+    """Inputs of the first layer behind an encoder of `others_size` units."""
+    return OWN_SIZE + len(GROUPS) * (others_size + 1)
 
 
 def forward(mlp: MLP, x: jax.Array) -> jax.Array:
@@ -63,9 +92,31 @@ def forward_columns(mlp: MLP, x: jax.Array) -> jax.Array:
     XLA's CPU products run at full rate in this layout in all three directions; batch first, the
     weights' gradient takes twice as long (docs/tuning.md).
     """
+    if mlp.others is not None:
+        x = encode(mlp.others, x)
     for weight, bias in zip(mlp.weights[:-1], mlp.biases[:-1], strict=True):
         x = elu(_affine(weight, bias, x))
     return _affine(mlp.weights[-1], mlp.biases[-1], x)
+
+
+def encode(others: Encoder, x: jax.Array) -> jax.Array:
+    """`x` [19 + G k 10, ...] of observation `nearest` -> [19 + G (E + 1), ...]: a drone's own state,
+    and of each group the mean of what the layer makes of those who are seen, and 1; 0 where nobody is.
+
+    So the order of a group's slots does not matter, nor how many there are (Deep Sets, Zaheer et al.
+    2017). What stands in a slot without flag changes nothing.
+    """
+    own, slots = x[:OWN_SIZE], x[OWN_SIZE:]
+    slots = slots.reshape(len(GROUPS), -1, SLOT_SIZE, *x.shape[1:])
+    parts = [own]
+    for weight, bias, group in zip(others.weights, others.biases, slots, strict=True):
+        seen = group[:, -1] > 0.5  # [k, ...]
+        units = elu(_affine(weight, bias, jnp.moveaxis(group[:, :-1], 1, 0)))  # [E, k, ...]
+        count = jnp.maximum(jnp.sum(seen, axis=0), 1)
+        counted: jax.Array = jnp.where(seen, units, 0.0)
+        parts.append(jnp.sum(counted, axis=1) / count)
+        parts.append(jnp.any(seen, axis=0)[None].astype(x.dtype))
+    return jnp.concatenate(parts)
 
 
 @jax.custom_vjp

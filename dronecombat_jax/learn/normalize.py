@@ -3,10 +3,14 @@
 import jax
 import jax.numpy as jnp
 
+from dronecombat_jax.combat.sight import OWN_SIZE, SLOT_SIZE
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.types import Scaler
 
 EPSILON = 1e-8
 CLIP = 5.0
+# Of a slot of observation `nearest`: way m, velocity m/s, thrust axis, flag.
+SLOT_SCALE = (5.0,) * 6 + (1.0,) * 4
 
 
 def init_scaler(shape: tuple[int, ...]) -> Scaler:
@@ -44,3 +48,17 @@ def normalize(scaler: Scaler, x: jax.Array) -> jax.Array:
 def denormalize(scaler: Scaler, x: jax.Array) -> jax.Array:
     """Back to the original scale; `x` is clipped to +-5 first."""
     return jnp.sqrt(scaler.variance) * jnp.clip(x, -CLIP, CLIP) + scaler.mean
+
+
+def with_fixed_slots(learn: LearnConfig, scaler: Scaler) -> Scaler:
+    """The same, but that a network which takes the mean over slots (`learn.others`) has each slot
+    scaled alike, whatever has been seen in it: SLOT_SCALE, mean 0.
+    """
+    if learn.others != "mean":
+        return scaler
+    slots = (scaler.mean.shape[-1] - OWN_SIZE) // SLOT_SIZE
+    variance = jnp.tile(jnp.asarray(SLOT_SCALE) ** 2, slots)
+    return scaler.replace(
+        mean=scaler.mean.at[..., OWN_SIZE:].set(0.0),
+        variance=scaler.variance.at[..., OWN_SIZE:].set(variance),
+    )

@@ -11,7 +11,8 @@ import numpy as np
 
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
-from dronecombat_jax.policies.file import refuse_memory, refuse_overwriting
+from dronecombat_jax.policies.c_scales import scales
+from dronecombat_jax.policies.file import refuse_more_than_layers, refuse_overwriting
 from dronecombat_jax.policies.info import PolicyInfo, metadata_of
 from dronecombat_jax.types import ACTION_SIZE, Policy
 
@@ -77,9 +78,9 @@ def save_c(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False)
     """Write one policy as a header; `log_std` is not in it.
 
     Raises UserError: 73 where `path` exists (without `force`) or the disk refuses, 2 for a policy
-    with memory.
+    with memory or an encoder of others.
     """
-    refuse_memory(path, info)
+    refuse_more_than_layers(path, info)
     refuse_overwriting(path, force)
     write_atomic(path, header_of(policy, info))
 
@@ -130,6 +131,7 @@ def _opening(info: PolicyInfo) -> Iterator[str]:
     yield f"#define DRONECOMBAT_ACTION_SIZE {ACTION_SIZE}"
     yield f"#define DRONECOMBAT_CONTROL_DT {info.control_dt!r}f /* s between two calls */"
     yield f"#define DRONECOMBAT_TOLERANCE {TOLERANCE!r}f"
+    yield from scales(info)
     yield "/* Define it as static where a task's stack is small; then no two tasks may call at once. */"
     yield "#ifndef DRONECOMBAT_BUFFERS\n#define DRONECOMBAT_BUFFERS\n#endif\n"
 

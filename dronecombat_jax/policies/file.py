@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.sight import GROUPS, SLOT_SIZE
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_CONFIG, EXIT_DATA, UserError
@@ -22,7 +23,7 @@ from dronecombat_jax.files.arrays import nonfinite
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.tensorfile import PolicyError, digest_of
 from dronecombat_jax.policies.info import NO_MEMORY, PolicyInfo, info_of, metadata_of
-from dronecombat_jax.types import MLP, Policy, Scaler
+from dronecombat_jax.types import MLP, Encoder, Policy, Scaler
 
 MAX_NAME_BYTES = 200  # a file system takes 255, and the temporary name beside it is longer
 _MAX_NAMED = 5
@@ -83,11 +84,12 @@ def refuse_overwriting(path: Path, force: bool) -> None:
         raise UserError(f"{path} is there already; --force replaces it", EXIT_CANNOT_WRITE)
 
 
-def refuse_memory(path: Path, info: PolicyInfo) -> None:
-    """Raise UserError 2 for a policy that remembers its fight, which only a policy file holds."""
-    if info.memory != NO_MEMORY:
+def refuse_more_than_layers(path: Path, info: PolicyInfo) -> None:
+    """Raise UserError 2 for a policy with memory or an encoder of others: a policy file alone holds it."""
+    more = f"memory ({info.memory})" if info.memory != NO_MEMORY else ""
+    if more or info.others_size:
         raise UserError(
-            f"{one_line(path.name)}: a policy with memory ({info.memory}) is exported as .safetensors alone",
+            f"{one_line(path.name)}: a policy with {more or 'learn.others = mean'} is exported as .safetensors alone",
             EXIT_CONFIG,
         )
 
@@ -137,28 +139,35 @@ def tensors_of(policy: Policy) -> dict[str, np.ndarray]:
         "observation_variance": scaler.variance,
         "observation_count": scaler.count,
     }
+    if network.others is not None:
+        arrays |= {"others_weights": network.others.weights, "others_biases": network.others.biases}
     return {name: np.asarray(array) for name, array in arrays.items()}
 
 
 def _policy(tensors: dict[str, np.ndarray], layers: int) -> Policy:
     each = lambda name: tuple(tensors[f"{name}.{i}"] for i in range(layers))
     scaler = Scaler(*(tensors[f"observation_{part}"] for part in ("mean", "variance", "count")))  # pyright: ignore
-    return Policy(MLP(each("weights"), each("biases")), tensors["log_std"], scaler)  # pyright: ignore
+    others = None
+    if "others_weights" in tensors:
+        others = Encoder(tensors["others_weights"], tensors["others_biases"])  # pyright: ignore
+    network = MLP(each("weights"), each("biases"), others)  # pyright: ignore
+    return Policy(network, tensors["log_std"], scaler)  # pyright: ignore
 
 
 def _misfit(tensors: dict[str, np.ndarray], info: PolicyInfo) -> str:
     """The first arrays whose dtype or shape is not that of a policy of `info.layer_sizes`; empty
     where all fit.
     """
-    sizes, seen = info.layer_sizes, info.observation_size
-    layers = list(itertools.pairwise(sizes))
+    sizes = info.layer_sizes
+    layers = list(itertools.pairwise((info.first_inputs, *sizes[1:])))
     expected: dict[str, tuple[int, ...]] = {
         **{f"weights.{i}": layer for i, layer in enumerate(layers)},
         **{f"biases.{i}": layer[1:] for i, layer in enumerate(layers)},
         "log_std": sizes[-1:],
-        "observation_mean": (seen,),
-        "observation_variance": (seen,),
+        "observation_mean": sizes[:1],
+        "observation_variance": sizes[:1],
         "observation_count": (),
+        **_encoder_shapes(info.others_size),
     }
     spelt = lambda dtype, shape: f"{dtype}[{','.join(map(str, shape))}]"
     wanted = {name: spelt("float32", shape) for name, shape in expected.items()}
@@ -174,6 +183,13 @@ def _misfit(tensors: dict[str, np.ndarray], info: PolicyInfo) -> str:
         if wrong
         else ""
     )
+
+
+def _encoder_shapes(size: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays of an encoder of `size` units by their names; of none where it is 0."""
+    groups = len(GROUPS)
+    shapes = {"others_weights": (groups, SLOT_SIZE - 1, size), "others_biases": (groups, size)}
+    return shapes if size else {}
 
 
 def _bad_numbers(tensors: dict[str, np.ndarray]) -> str:

@@ -14,6 +14,7 @@ from dronecombat_jax.combat.observe import OBSERVATIONS, Observation, layout_of
 from dronecombat_jax.config.fields import GameConfig, LearnConfig
 from dronecombat_jax.config.schema import build, one_line, shown
 from dronecombat_jax.config.settings import SCHEMA
+from dronecombat_jax.learn.networks import encoded_size
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.types import ACTION_SIZE, SIDES
 
@@ -40,7 +41,7 @@ class PolicyInfo(NamedTuple):
     """What a file says about its policy; `metadata_of` spells it as text."""
 
     role: str  # "defender" or "attacker"
-    layer_sizes: tuple[int, ...]  # from what the network sees to the action
+    layer_sizes: tuple[int, ...]  # from observation to action
     normalize_observations: bool  # whether the network sees scaled observations
     environment: dict[str, Any]  # `combat.fingerprint.environment`: the game that it was trained in
     run: str
@@ -50,18 +51,22 @@ class PolicyInfo(NamedTuple):
     package_version: str
     jax_version: str
     config_sha256: str  # of the run's config.toml
-    # what it remembers of its fight: "none"; "frames K": the network sees its last K observations
+    others_size: int = 0  # units of the layer for slots of others (`types.Encoder`); 0: none
+    # what it remembers of its fight: "none"; "frames K": the first layer takes K observations
     memory: str = NO_MEMORY
+
+    @property
+    def first_inputs(self) -> int:
+        """Inputs of the first layer: the observation, or what an encoder or a memory makes of it."""
+        if self.others_size:
+            return encoded_size(self.others_size)
+        kind, _, number = self.memory.partition(" ")
+        return self.layer_sizes[0] * int(number) if kind == "frames" else self.layer_sizes[0]
 
     @property
     def observation(self) -> str:
         """Name of the observation's layout, of `OBSERVATIONS`."""
         return self.environment["game.observation"]
-
-    @property
-    def observation_size(self) -> int:
-        """Length of an observation."""
-        return _layout(self.environment).size
 
     @property
     def actuation(self) -> str:
@@ -82,12 +87,6 @@ class PolicyInfo(NamedTuple):
 def memory_of(learn: LearnConfig) -> str:
     """What the policies of a run remember, as `PolicyInfo.memory` says it."""
     return f"frames {learn.frames}" if learn.memory == "frames" else NO_MEMORY
-
-
-def input_size(observation_size: int, memory: str) -> int:
-    """Numbers that a network sees of an observation and of what it remembers."""
-    kind, _, number = memory.partition(" ")
-    return observation_size * int(number) if kind == "frames" else observation_size
 
 
 def metadata_of(info: PolicyInfo) -> dict[str, str]:
@@ -120,6 +119,7 @@ def metadata_of(info: PolicyInfo) -> dict[str, str]:
         "jax_version": info.jax_version,
         "config_sha256": info.config_sha256,
         **({"memory": info.memory} if remembers else {}),
+        **({"others_size": str(info.others_size)} if info.others_size else {}),
     }
 
 
@@ -139,7 +139,7 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
     memory = _matching(metadata, "memory", _MEMORY) if version > 1 else NO_MEMORY
     info = PolicyInfo(
         role=_matching(metadata, "role", re.compile("|".join(SIDES))),
-        layer_sizes=_layer_sizes(metadata, environment, memory),
+        layer_sizes=_layer_sizes(metadata, environment),
         normalize_observations=_matching(
             metadata, "normalize_observations", re.compile("true|false")
         )
@@ -152,6 +152,7 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
         package_version=_matching(metadata, "package_version", _ID),
         jax_version=_matching(metadata, "jax_version", _ID),
         config_sha256=_matching(metadata, "config_sha256", _SHA256),
+        others_size=_others_size(metadata, environment),
         memory=memory,
     )
     for key, expected in metadata_of(info).items():
@@ -160,15 +161,24 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
     return info
 
 
-def _layer_sizes(
-    metadata: dict[str, str], environment: dict[str, Any], memory: str
-) -> tuple[int, ...]:
+def _layer_sizes(metadata: dict[str, str], environment: dict[str, Any]) -> tuple[int, ...]:
     sizes, hidden = _json(metadata, "layer_sizes"), SCHEMA["learn.hidden_sizes"]
-    seen = input_size(_layout(environment).size, memory)
+    seen = _layout(environment).size
     ends = isinstance(sizes, list) and (sizes[0:1], sizes[-1:]) == ([seen], [ACTION_SIZE])
     if not ends or hidden.problem(sizes[1:-1]):
         raise _wrong(metadata, "layer_sizes", f"expected {seen}, {hidden.allowed}, {ACTION_SIZE}")
     return tuple(sizes)
+
+
+def _others_size(metadata: dict[str, str], environment: dict[str, Any]) -> int:
+    if "others_size" not in metadata:
+        return 0
+    size, setting = _whole(metadata, "others_size"), SCHEMA["learn.others_size"]
+    if setting.problem(size):
+        raise _wrong(metadata, "others_size", f"expected {setting.allowed}")
+    if environment["game.observation"] != "nearest":
+        raise ValueError(f"metadata others_size is {size}: game.observation must be nearest")
+    return size
 
 
 def _layout(environment: dict[str, Any]) -> Observation:

@@ -36,6 +36,7 @@ class NumpyPolicy:
             raise ValueError(f"{path}: NaN or infinity inside")
         layers = len(json.loads(self.about["layer_sizes"])) - 1
         self.layers = [(arrays[f"weights.{i}"], arrays[f"biases.{i}"]) for i in range(layers)]
+        self.others = [arrays[name] for name in arrays if name.startswith("others_")]
         self.mean = arrays["observation_mean"]
         self.scale = np.sqrt(arrays["observation_variance"]) + np.float32(
             self.about["normalization_epsilon"]
@@ -62,9 +63,10 @@ class NumpyPolicy:
             x = np.clip((x - self.mean) / self.scale, -self.clip, self.clip)
         if self.memory_size:
             x = self._remember(x)
+        if self.others:
+            x = self._encode(x)
         for weight, bias in self.layers[:-1]:
-            x = x @ weight + bias
-            x = np.where(x > 0, x, np.expm1(np.minimum(x, 0)))  # ELU
+            x = self._elu(x @ weight + bias)
         return x @ self.layers[-1][0] + self.layers[-1][1]
 
     def _remember(self, x):
@@ -74,6 +76,22 @@ class NumpyPolicy:
         x = np.concatenate([x, self.memory], axis=-1)
         self.memory = x[..., : self.memory_size]
         return x
+
+    def _encode(self, x):
+        """The mean, over those who are seen, of a layer on the slots of observation `nearest`."""
+        biases, weights = sorted(self.others, key=np.ndim)
+        groups, inputs, _ = weights.shape
+        own = self.layers[0][0].shape[0] - groups * (biases.shape[1] + 1)
+        slots = x[..., own:].reshape(*x.shape[:-1], groups, -1, inputs + 1)
+        seen = slots[..., -1:] > 0.5
+        units = self._elu(slots[..., :-1] @ weights + biases[:, None])
+        mean = np.where(seen, units, 0).sum(-2) / np.maximum(seen.sum(-2), 1)
+        told = np.concatenate([mean, seen.any(-2)], axis=-1, dtype=np.float32)
+        return np.concatenate([x[..., :own], told.reshape(*x.shape[:-1], -1)], axis=-1)
+
+    @staticmethod
+    def _elu(x):
+        return np.where(x > 0, x, np.expm1(np.minimum(x, 0)))
 
     @staticmethod
     def _array(data, entry):

@@ -19,7 +19,7 @@ def robustness_figure(report: Mapping[str, Any]) -> Figure:
     starts = report["episodes"]
     foot = (
         f"{report['defenders']} defenders, {report['attackers']} attackers, {starts} fights a pair. A side's score: a win 1, "
-        f"a draw 1/2; loss: without the gap less under it, with the 95 % interval over the {starts} starts. Filled: this "
+        f"a tie 1/2; loss: without the gap less under it, with the 95 % interval over the {starts} starts. Filled: this "
         "side's drones alone differ; open: both sides' do. Right: Kendall's tau-b of the side's "
         "Bradley-Terry ratings with those without the gap."
     )

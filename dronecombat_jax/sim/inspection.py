@@ -78,12 +78,12 @@ def _described(sim: SimConfig, written: Written) -> Iterator[tuple[str, str]]:
 
 def _rotors(written: Written) -> str:
     """What the file's actuators say of rotors, for an actuation other than the wrench."""
-    found = rotors_in(written.model, written.drones[0])
-    if not found:
+    rotors = rotors_in(written.model, written.drones[0])
+    if not rotors:
         return "none: four alike actuators along body z would be; a TOML may say them (sim.body)"
-    lag = f"lag {found['lag_up']:g} s" if "lag_up" in found else "no lag: a TOML must say lag_up"
-    thrust = f"{found['min_thrust']:g} to {found['max_thrust']:g} N each"
-    return f"four, {thrust}, {found['torque_ratio']:g} m torque per thrust, {lag}"
+    lag = f"lag {rotors['lag_up']:g} s" if "lag_up" in rotors else "no lag: a TOML must say lag_up"
+    thrust = f"{rotors['min_thrust']:g} to {rotors['max_thrust']:g} N each"
+    return f"four, {thrust}, {rotors['torque_ratio']:g} m torque per thrust, {lag}"
 
 
 def _of_drone(sim: SimConfig, drone: Drone, gravity: float) -> Iterator[tuple[str, str]]:

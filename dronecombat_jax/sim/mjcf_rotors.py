@@ -43,13 +43,13 @@ def rotors_in(model: Any, drone: Drone) -> dict[str, Any]:
     if not (alike(ranges[:, 1]) and np.allclose(ranges[:, 0], ranges[0, 0])) or ratios[0] <= 0.0:
         return {}
     clockwise = np.mod(-np.arctan2(layout[:, 0], -layout[:, 1]) + 1e-6, 2.0 * np.pi)
-    found = {
+    numbers = {
         "layout": layout[np.argsort(clockwise)],
         "min_thrust": max(float(ranges[0, 0]), 0.0),
         "max_thrust": float(ranges[0, 1]),
         "torque_ratio": float(ratios[0]),
     }
-    return found | ({"lag_up": float(lags[0])} if lags[0] > 0.0 else {})
+    return numbers | ({"lag_up": float(lags[0])} if lags[0] > 0.0 else {})
 
 
 def _wrench(model: Any, drone: Drone, index: int, command: float) -> np.ndarray:

@@ -35,8 +35,8 @@ class Gap(NamedTuple):
 
     def about_in(self, config: Config) -> str:
         """What it is in the game of `config`."""
-        there = config.sim.drag if self.name == "drag" else config.sim.actuation != "wrench"
-        return self.worse if self.worse and there else self.about
+        present = config.sim.drag if self.name == "drag" else config.sim.actuation != "wrench"
+        return self.worse if self.worse and present else self.about
 
 
 class Change(NamedTuple):

@@ -204,7 +204,7 @@ def _tournament(word: str, root: str) -> Path | None:
 
 
 def _rules(rules: Rules, change: Change) -> Rules:
-    """Alike under every gap, but for the control's starts."""
+    """The rules of every gap: those of the tournament, but for other starts in the control."""
     return rules._replace(seed=rules.seed + 1) if change.gap.name == OTHER_STARTS else rules
 
 
@@ -216,8 +216,8 @@ def _flown_in(before: TournamentResult, entrants: Sequence[Any]) -> NDArray[np.b
         np.asarray([of.get(entrant.identity, -1) for entrant in side])
         for of, side in zip(known, entrants, strict=True)
     ]
-    there = (places[DEFENDER] >= 0)[:, None] & (places[ATTACKER] >= 0)
-    return there & before.played[np.ix_(*places)]
+    entered = (places[DEFENDER] >= 0)[:, None] & (places[ATTACKER] >= 0)
+    return entered & before.played[np.ix_(*places)]
 
 
 def _report(

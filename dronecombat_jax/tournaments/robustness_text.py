@@ -19,7 +19,7 @@ def markdown(report: Mapping[str, Any]) -> str:
         f"# Robustness of {one_line(report['tournament'])}",
         "",
         f"{report['defenders']} defenders, {report['attackers']} attackers, {starts} fights a pair, {how}. "
-        "Score: a win 1, a draw 1/2; loss: nominal less score, positive where the side fares worse. "
+        "Score: a win 1, a tie 1/2; loss: nominal less score, positive where the side fares worse. "
         f"Interval: Student's t over the {starts} starts, for these players. Kendall's tau-b and Spearman's rho: "
         "of the side's Bradley-Terry ratings with the nominal ones. The first row is luck alone, "
         "where it was flown.",

@@ -93,7 +93,7 @@ def test_commands_keep_the_nominal_scale():
 
 
 def test_one_sides_drone_may_differ_in_every_fight(arena: SimpleNamespace, real: SimpleNamespace):
-    """Factors without a draw; around them lies what is drawn. Fights start in the same places."""
+    """Factors alone; random numbers lie around them. Fights start in the same places."""
     heavy = replace(Config(), defender=DroneConfig(mass=1.5), attacker=DroneConfig(thrust=0.5))
     combat = Combat(heavy, arena.combat.scene)
     start = jax.vmap(combat.spawn)(combat.start_numbers(KEY, (SIZE,)))

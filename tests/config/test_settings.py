@@ -23,7 +23,7 @@ def test_no_preset_is_the_defaults():
 
 
 def test_the_presets_that_come_with_the_package():
-    wanted = {"smoke", "duel", "colab", "paper", "literal", "authors", "solo", "fast"}
+    wanted = {"smoke", "duel", "colab", "paper", "literal", "authors", "solo", "fast", "real"}
     assert wanted <= settings.presets().keys()
 
 

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from policies import SIZES, make_info, make_policy
 
+from dronecombat_jax.config.fields import Config, SimConfig
 from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.c_header import TESTS, TOLERANCE, header_of
 from dronecombat_jax.policies.file import load_policy
@@ -94,3 +96,20 @@ def test_an_emulated_one_gives_the_actions(tmp_path: Path, pilot):
     print(f"\n{words[-1]:,} instructions a call")
     products = 35 * 256 + 256 * 128 + 128 * 4
     assert 3 * products < words[-1] < 12 * products and TESTS > 0
+
+
+@pytest.mark.slow
+def test_the_controller_for_the_firmware_compiles_for_it(tmp_path: Path):
+    """Against declarations of the firmware's interface; the policy's header is in it."""
+    sim = SimConfig(body="brushless", actuation="ctbr")
+    info = make_info(Config(sim=sim), layer_sizes=SIZES)
+    (tmp_path / "policy.h").write_text(header_of(make_policy(SIZES), info))
+    root = Path(__file__).parents[2]
+    folders = (f"-I{tmp_path}", f"-I{root / 'tests/support/firmware'}")
+    line = [tool("arm-none-eabi-gcc"), *CORE, *STRICT[1:], "-std=gnu11", "-Os", *folders, "-c"]
+    line += [str(root / "examples/firmware/src/dronecombat_controller.c"), "-o", "controller.o"]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    flash, memory = sizes(tmp_path / "controller.o")
+    print(f"\n{flash:,} bytes of flash, {memory:,} of memory, with a network of {SIZES}")
+    assert flash < 16 * 1024 and memory < 1024

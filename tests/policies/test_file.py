@@ -169,7 +169,7 @@ def test_arrays_that_cannot_fly(path, tensors, words):
         ({"format_version": "2", "memory": "frames 65"}, "metadata memory is frames 65"),
         (
             {"format_version": "2", "memory": "frames 3"},
-            "metadata layer_sizes is [35, 16, 8, 4]: expected 105",
+            "weights.0: expected float32[105,16], got float32[35,16]",
         ),
         ({"format_version": "0"}, "metadata format_version is 0: expected 1"),
         ({"format_version": "-1"}, "metadata format_version is -1"),

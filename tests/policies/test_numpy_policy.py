@@ -49,7 +49,7 @@ def test_numpy_alone_gives_the_same_actions(path, sizes, normalize):
 def test_numpy_alone_remembers_what_the_policy_remembers(path, normalize):
     """Step by step, fights side by side and one alone, and again after it has forgotten."""
     policy = make_policy((3 * 35, 8, 4), seed=2, frames=3)
-    info = make_info(layer_sizes=(3 * 35, 8, 4), memory="frames 3")
+    info = make_info(layer_sizes=(35, 8, 4), memory="frames 3")
     save_policy(path, policy, info._replace(normalize_observations=normalize))
     alone, learn = NumpyPolicy(path), LearnConfig(normalize_observations=normalize)
     assert alone.about["memory"] == "frames 3" and alone.about["format_version"] == "2"

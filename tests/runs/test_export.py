@@ -131,7 +131,7 @@ def test_a_policy_with_memory_says_so_in_its_file_and_in_no_other(here, capsys):
     run = begun(here / "run", replace(CONFIG, learn=learn), (0,))
     assert export(run, "--role", "attacker", "--seed", "6", "out.safetensors") == 0
     policy, info = load_policy(here / "out.safetensors")
-    assert info.memory == "frames 3" and info.layer_sizes == (105, 8, 6, 4)
+    assert info.memory == "frames 3" and info.layer_sizes == (35, 8, 6, 4)
     wanted = policy_of(jax.tree.map(lambda leaf: leaf[1, 1], run.states[0].learners))
     for ours, theirs in zip(jax.tree.leaves(policy), jax.tree.leaves(wanted), strict=True):
         np.testing.assert_array_equal(ours, theirs)

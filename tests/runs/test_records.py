@@ -96,7 +96,7 @@ def test_shares_of_the_fights_that_ended():
     }
     assert row["diverged"] == 1 and row["diverged_environments"] == 0.25  # of 4
     # defender: interceptions and attacker's crashes; attacker: targets and defender's crashes;
-    # draw: the rest
+    # a tie: the rest
     assert (row["win/defender"], row["win/attacker"], row["win/draw"]) == pytest.approx(
         (0.4, 0.35, 0.25)
     )

@@ -15,13 +15,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dronecombat_jax.arena.match import AnyPilot, advance, as_pilot, no_result
+from dronecombat_jax.arena.match import (
+    AnyPilot,
+    Remembered,
+    advance,
+    as_pilot,
+    mate_key,
+    no_result,
+)
 from dronecombat_jax.arena.players import Kind
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.scripted import PILOTS, build_pilot, one_per_fight
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.config.sides import team
 from dronecombat_jax.learn.memory import with_recall
 from dronecombat_jax.learn.rollout import policy_step, recalled
 from dronecombat_jax.types import (
@@ -62,6 +70,14 @@ class Side(NamedTuple):
     pilot: jax.Array  # [L] int32, the scripted pilot, numbered as in `PILOTS`; -1: a policy flies
 
 
+class Drone(NamedTuple):
+    """Which drone a pilot flies."""
+
+    role: int
+    place: int  # among all drones of the fight
+    number: int  # in its team
+
+
 class Orders(NamedTuple):
     """What the lanes are to do in a call."""
 
@@ -79,7 +95,6 @@ class Lanes(NamedTuple):
     result: FightResult  # leaves [L, ...]; a lane whose fight has a cause stands still
 
 
-Remembered = tuple[jax.Array, jax.Array | None]  # actions [L, 4], what is remembered [L, M]
 Act = Callable[[EnvState, jax.Array, jax.Array], Remembered]
 Fly = Callable[[Lanes, Orders, tuple[Side, Side]], Lanes]
 
@@ -99,7 +114,7 @@ def build_fly(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout, stochast
             else None
         )
         defender, attacker = (
-            _pilot(combat, kinds[role], sides[role], role, keys) for role in (DEFENDER, ATTACKER)
+            _team(combat, kinds[role], sides[role], role, keys) for role in (DEFENDER, ATTACKER)
         )
         unused = jax.random.key(0)  # these pilots have the fights' own keys
 
@@ -116,9 +131,8 @@ def build_fly(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout, stochast
 
 def idle_lanes(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout) -> Lanes:
     """A batch in which nobody has begun to fight; NumPy leaves."""
-    fight = jax.eval_shape(
-        lambda key: with_recall(combat.reset(key), _memory(kinds)), jax.random.key(0)
-    )
+    begin = lambda key: with_recall(combat.reset(key), _memory(kinds))
+    fight = jax.eval_shape(begin, jax.random.key(0))
     state = jax.tree.map(lambda leaf: np.zeros((layout.lanes, *leaf.shape), leaf.dtype), fight)
     result = jax.tree.map(
         lambda leaf: np.zeros(leaf.shape, leaf.dtype), jax.eval_shape(no_result, state)
@@ -153,13 +167,27 @@ def _memory(kinds: tuple[Kind, Kind]) -> int:
     return max(kind.memory for kind in kinds)
 
 
-def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None) -> AnyPilot:
+def _team(
+    combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None
+) -> list[AnyPilot]:
+    """The pilots of a side's drones: all fly the lane's policy or scripted pilot."""
+    mates = range(*team(combat.config.game.sides, role).indices(len(combat.config.game.sides)))
+    return [
+        _pilot(combat, kind, side, Drone(role, drone, number), keys)
+        for number, drone in enumerate(mates)
+    ]
+
+
+def _pilot(
+    combat: Combat, kind: Kind, side: Side, drone: Drone, keys: jax.Array | None
+) -> AnyPilot:
     policies = None
     if side.policies is not None:
-        policies = _policies(kind, side.policies, side, role, keys)
+        policies = _policies(kind, side.policies, side, drone, keys)
         policies = _seeing(combat, kind.observation, policies)
+    role = drone.role
     pilots = (
-        [build_pilot(name, combat.config, combat.scene, role) for name in PILOTS[role]]
+        [build_pilot(name, combat.config, combat.scene, role, drone.place) for name in PILOTS[role]]
         if kind.scripted
         else []
     )
@@ -168,7 +196,7 @@ def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | 
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> Remembered:
         follow = lambda: one_per_fight(pilots, jnp.maximum(side.pilot, 0))(state, observation, key)
         if policies is None:
-            return follow(), recalled(state, role)
+            return follow(), recalled(state, drone.place)
         action, recall = policies(state, observation, key)
         if not pilots:
             return action, recall
@@ -191,30 +219,30 @@ def _seeing(combat: Combat, observation: str, pilot: Act) -> Act:
     return act
 
 
-def _policies(kind: Kind, policies: Policy, side: Side, role: int, keys: jax.Array | None) -> Act:
+def _policies(
+    kind: Kind, policies: Policy, side: Side, drone: Drone, keys: jax.Array | None
+) -> Act:
     """Every lane's policy, flown block by block; `keys` [L] make the random actions."""
     learn = LearnConfig(normalize_observations=kind.normalize)
 
     def act(state: EnvState, observation: jax.Array, _: jax.Array) -> Remembered:
-        seen = observation[side.rows, role]
-        before = jax.tree.map(lambda leaf: leaf[side.rows], recalled(state, role))
+        seen = observation[side.rows, drone.place]
+        before = jax.tree.map(lambda leaf: leaf[side.rows], recalled(state, drone.place))
         flying = jax.vmap(partial(policy_step, learn))(policies, seen, before)
         # [blocks, block, ...] -> [L, ...]
-        mean, recall = jax.tree.map(
-            lambda leaf: leaf.reshape(-1, leaf.shape[-1])[side.seat], flying
-        )
+        of_lanes = lambda leaf: leaf.reshape(-1, leaf.shape[-1])[side.seat]
+        mean, recall = jax.tree.map(of_lanes, flying)
         if keys is None:
             return mean, recall
         spread = jnp.repeat(jnp.exp(policies.log_std), side.rows.shape[1], axis=0)[side.seat]
-        return mean + spread * jax.vmap(partial(_noise, role))(keys, state.clock), recall
+        return mean + spread * jax.vmap(partial(_noise, drone))(keys, state.clock), recall
 
     return act
 
 
-def _noise(role: int, key: jax.Array, clock: jax.Array) -> jax.Array:
-    """The random numbers [4] of `match.fight` of one fight alone for the policy of `role` in the
+def _noise(drone: Drone, key: jax.Array, clock: jax.Array) -> jax.Array:
+    """The random numbers [4] of `match.fight` of one fight alone for the policy of `drone` in the
     step after `clock`.
     """
-    return jax.random.normal(
-        jax.random.split(jax.random.fold_in(key, clock), NUM_SIDES)[role], (1, ACTION_SIZE)
-    )[0]
+    key = jax.random.split(jax.random.fold_in(key, clock), NUM_SIDES)[drone.role]
+    return jax.random.normal(mate_key(key, drone.number), (1, ACTION_SIZE))[0]

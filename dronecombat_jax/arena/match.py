@@ -1,20 +1,21 @@
-"""Batched fights between two pilots, without learning: who wins, how, how fast.
+"""Batched fights between two pilots or teams of them, without learning: who wins, how, how fast.
 
-A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]`; trained
-policies and scripted pilots are the same to a match. One that remembers its fight is `Remembering`.
+A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]` that
+flies one drone; trained policies and scripted pilots are the same to a match. A side of several
+drones is flown by as many pilots, in their order. One that remembers its fight is `Remembering`.
 Many policies against many: `tournament`.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.scripted import Pilot
-from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.combat.scripted import Pilot, build_pilot
+from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.learn.memory import memory_size, with_recall
 from dronecombat_jax.learn.rollout import policy_step, recalled
 from dronecombat_jax.types import (
@@ -28,34 +29,37 @@ from dronecombat_jax.types import (
     Trajectory,
 )
 
+Remembered = tuple[jax.Array, jax.Array | None]  # actions [E, 4], what is remembered [E, M]
 
-class Remembering(NamedTuple):
-    """A pilot that remembers its fight: what it returns besides its action, `size` numbers [E, M],
-    is in the fights' `recall` when it is asked again.
+
+@dataclass(frozen=True)
+class Remembering:
+    """A pilot that remembers its fight: what it returns besides its action, at least `size`
+    numbers [E, M], is in the fights' `recall` when it is asked again.
     """
 
     size: int
-    act: Callable[[EnvState, jax.Array, jax.Array], tuple[jax.Array, jax.Array | None]]
+    act: Callable[[EnvState, jax.Array, jax.Array], Remembered]
 
 
 AnyPilot = Pilot | Remembering
+Team = AnyPilot | Sequence[AnyPilot]  # of one side, a pilot for each of its drones
 
 
 def policy_pilot(
-    learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False
+    learn: LearnConfig, policy: Policy, drone: int, stochastic: bool = False
 ) -> AnyPilot:
-    """Fly `policy` as `role`: its mean action or, `stochastic`, a random action.
+    """Fly `policy` as `drone`, which in a duel is the role: its mean action or, `stochastic`, a
+    random action.
 
     Its log-std is taken as it is: `policies.file.as_flown` puts it into its bounds.
     """
 
     size = memory_size(policy)
 
-    def act(
-        state: EnvState, observation: jax.Array, key: jax.Array
-    ) -> tuple[jax.Array, jax.Array | None]:
-        before = recalled(state, role) if size else None
-        mean, recall = policy_step(learn, policy, observation[:, role], before)
+    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> Remembered:
+        before = recalled(state, drone) if size else None
+        mean, recall = policy_step(learn, policy, observation[:, drone], before)
         if not stochastic:
             return mean, recall
         return mean + jnp.exp(policy.log_std) * jax.random.normal(key, mean.shape), recall
@@ -63,15 +67,43 @@ def policy_pilot(
     return as_pilot(act, size)
 
 
-def as_pilot(act: Callable[..., tuple[jax.Array, jax.Array | None]], size: int) -> AnyPilot:
+def as_pilot(act: Callable[..., Remembered], size: int) -> AnyPilot:
     """`act` as a pilot that remembers `size` numbers: 0, and it is a plain one."""
     return Remembering(size, act) if size else lambda *given: act(*given)[0]
 
 
-def ready(start: EnvState, *pilots: AnyPilot) -> EnvState:
+def mates(team: Team) -> Sequence[AnyPilot]:
+    """The pilots of a team, one for each of its drones."""
+    return [team] if isinstance(team, Remembering) or callable(team) else team
+
+
+def ready(start: EnvState, *teams: Team) -> EnvState:
     """Fights about to start [E, ...], with room for what their pilots will remember."""
+    pilots = [pilot for team in teams for pilot in mates(team)]
     sizes = [pilot.size for pilot in pilots if isinstance(pilot, Remembering)]
     return with_recall(start, max(sizes, default=0))
+
+
+def policy_team(
+    config: Config, learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False
+) -> Sequence[AnyPilot]:
+    """`policy` at the controls of every drone of the side `role`."""
+    return [
+        policy_pilot(learn, policy, drone, stochastic)
+        for drone, side in enumerate(config.game.sides)
+        if side == role
+    ]
+
+
+def scripted_team(combat: Combat, name: str, role: int) -> Sequence[Pilot]:
+    """The scripted pilot `name` at the controls of every drone of the side `role`. UserError for an
+    unknown one.
+    """
+    return [
+        build_pilot(name, combat.config, combat.scene, role, drone)
+        for drone, side in enumerate(combat.config.game.sides)
+        if side == role
+    ]
 
 
 def start_fights(combat: Combat, key: jax.Array, num_fights: int) -> EnvState:
@@ -80,7 +112,7 @@ def start_fights(combat: Combat, key: jax.Array, num_fights: int) -> EnvState:
 
 
 def fight(
-    combat: Combat, defender: AnyPilot, attacker: AnyPilot, start: EnvState, key: jax.Array
+    combat: Combat, defender: Team, attacker: Team, start: EnvState, key: jax.Array
 ) -> FightResult:
     """Fight all of `start` [E, ...] to the end; stops when the last one has ended."""
 
@@ -100,7 +132,7 @@ def fight(
 
 
 def record(
-    combat: Combat, defender: AnyPilot, attacker: AnyPilot, start: EnvState, key: jax.Array
+    combat: Combat, defender: Team, attacker: Team, start: EnvState, key: jax.Array
 ) -> FightRecord:
     """Like `fight`, keeping every step: `episode_steps` of them."""
 
@@ -119,8 +151,8 @@ def record(
 
 def advance(
     combat: Combat,
-    defender: AnyPilot,
-    attacker: AnyPilot,
+    defender: Team,
+    attacker: Team,
     state: EnvState,
     result: FightResult,
     key: jax.Array,
@@ -133,24 +165,35 @@ def advance(
     """
     observation = jax.vmap(combat.observe)(state)
     keys = jax.random.split(key)
-    pilots = {DEFENDER: defender, ATTACKER: attacker}
-    acts = [_act(pilots[role], role, state, observation, keys[role]) for role in sorted(pilots)]
+    pilots = [
+        (pilot, mate_key(keys[role], number))
+        for role, side in ((DEFENDER, defender), (ATTACKER, attacker))
+        for number, pilot in enumerate(mates(side))
+    ]
+    acts = [
+        _act(pilot, drone, state, observation, key) for drone, (pilot, key) in enumerate(pilots)
+    ]
     action, recall = jax.tree.map(lambda *leaves: jnp.stack(leaves, axis=1), *acts)
     after, output = jax.vmap(combat.step)(state, action)
     after = after.replace(recall=recall)
     on = result.cause == Cause.NONE
     keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-    now = FightResult(output.cause, result.steps + 1, after.down & ~combat.game.absent)
+    now = FightResult(output.cause, result.steps + 1, after.crashed & ~combat.absent)
     return jax.tree.map(keep, after, state), jax.tree.map(keep, now, result), action
 
 
 def _act(
-    pilot: AnyPilot, role: int, state: EnvState, observation: jax.Array, key: jax.Array
-) -> tuple[jax.Array, jax.Array | None]:
-    """A pilot's actions [E, 4] as `role`, and what is remembered after them [E, M]."""
+    pilot: AnyPilot, drone: int, state: EnvState, observation: jax.Array, key: jax.Array
+) -> Remembered:
+    """What a pilot does with its drone, and what is remembered after it."""
     if isinstance(pilot, Remembering):
         return pilot.act(state, observation, key)
-    return pilot(state, observation, key), recalled(state, role)
+    return pilot(state, observation, key), recalled(state, drone)
+
+
+def mate_key(key: jax.Array, number: int) -> jax.Array:
+    """The key of a team's drone `number` for a step; the first has the side's own."""
+    return jax.random.fold_in(key, number) if number else key
 
 
 def no_result(start: EnvState) -> FightResult:

@@ -23,6 +23,7 @@ from dronecombat_jax.combat.autopilot import (
 )
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import Sides, team
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.rotation import body_z
@@ -64,16 +65,20 @@ class Situation(NamedTuple):
 Guidance = Callable[[Airframe, Situation], jax.Array]
 
 
-def build_pilot(name: str, config: Config, scene: Scene, role: int | None = None) -> Pilot:
-    """The scripted pilot `name` of `PILOTS`, for this body and clock.
+def build_pilot(
+    name: str, config: Config, scene: Scene, role: int | None = None, drone: int | None = None
+) -> Pilot:
+    """The scripted pilot `name` of `PILOTS`, for this body and clock, at the controls of `drone`
+    (None: the first of its side).
 
-    Raises UserError for an unknown name, or one that flies the other `role`.
+    In a team each drone flies on its own, against the nearest opponent that flies. Raises UserError for an unknown name, or one that flies the other `role`.
     """
     for its_role, guidances in PILOTS.items():
         if name in guidances and role in (None, its_role):
-            return _pilot(
-                its_role, guidances[name], airframe(config, scene, its_role), config.control_dt
-            )
+            sides = config.game.sides
+            drone = sides.index(its_role) if drone is None else drone
+            body = airframe(config, scene, drone)
+            return _pilot(sides, drone, guidances[name], body, config.control_dt)
     roles = PILOTS if role is None else (role,)
     names = "; ".join(f"{SIDES[side]}s: {', '.join(PILOTS[side])}" for side in roles)
     raise UserError(f"{one_line(name)}: no scripted pilot has this name ({names})")
@@ -91,29 +96,44 @@ def one_per_fight(pilots: Sequence[Pilot], which: jax.Array) -> Pilot:
     return act
 
 
-def _pilot(role: int, guidance: Guidance, body: Airframe, step: float) -> Pilot:
+def _pilot(sides: Sides, drone: int, guidance: Guidance, body: Airframe, step: float) -> Pilot:
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
         drones = split(state.qpos, state.qvel)
-        situation = _situation(drones, role, state.target, state.clock * step)
+        other = _opponent(sides, drone, drones, state.down)
+        situation = _situation(drones, drone, other, state.target, state.clock * step)
         wanted = guidance(body, situation)
         force = attainable(body, situation.position[:, 2], situation.velocity[:, 2], wanted)
         speeds = None if state.craft is None else state.craft.speeds
-        mine = None if speeds is None else speeds[:, role]
-        return steer(body, drones.quaternion[:, role], drones.rate[:, role], force, mine)
+        mine = None if speeds is None else speeds[:, drone]
+        return steer(body, drones.quaternion[:, drone], drones.rate[:, drone], force, mine)
 
     return act
 
 
-def _situation(drones: Drones, role: int, target: jax.Array, time: jax.Array) -> Situation:
-    other = 1 - role
-    up = body_z(drones.quaternion[:, other])
-    position, velocity = drones.position, drones.velocity
+def _opponent(sides: Sides, drone: int, drones: Drones, down: jax.Array) -> Drones:
+    """The opponent that the pilot of `drone` minds, fields [E, ...]: the only one, or the nearest
+    that flies, or the nearest of all where none does.
+    """
+    others = team(sides, 1 - sides[drone])
+    if others.stop - others.start == 1:
+        return Drones(*(field[:, others.start] for field in drones))
+    way = drones.position[:, others] - drones.position[:, drone, None]
+    flies = ~down[:, others]
+    minded = flies | ~jnp.any(flies, axis=1, keepdims=True)
+    nearest = jnp.argmin(jnp.where(minded, jnp.sum(way**2, axis=-1), jnp.inf), axis=1)
+    fights = jnp.arange(nearest.shape[0])
+    return Drones(*(field[fights, others.start + nearest] for field in drones))
+
+
+def _situation(
+    drones: Drones, drone: int, other: Drones, target: jax.Array, time: jax.Array
+) -> Situation:
     return Situation(
-        position[:, role],
-        velocity[:, role],
-        position[:, other],
-        velocity[:, other],
-        up,
+        drones.position[:, drone],
+        drones.velocity[:, drone],
+        other.position,
+        other.velocity,
+        body_z(other.quaternion),
         target,
         time,
     )

@@ -25,9 +25,9 @@ Acts = tuple[jax.Array, jax.Array, jax.Array | None]
 # noise [N, 4]) -> action [N, 4], its log-probability [N], 0 where nobody will ask for it, and what is
 # remembered after it [N, M].
 Seat = Callable[[EnvState, jax.Array, jax.Array], Acts]
-# Who flies: the defender's and the attacker's policy; leaves [...], or [N, ...] for one in each
-# environment. Or a function, where different ones sit in a side's place.
-Policies = tuple[Policy | Seat, Policy | Seat]
+# Who flies each drone [A]: its side's policy, leaves [...], or [N, ...] for one in each environment.
+# Or a function, where different ones sit in a side's place.
+Policies = tuple[Policy | Seat, ...]
 
 
 def collect(
@@ -82,7 +82,7 @@ def act(
     noise: jax.Array,
     env: EnvState | None = None,
 ) -> Acts:
-    """Draw both agents' actions [N, A, 4] and their log-probabilities [N, A]; also what is
+    """Draw all agents' actions [N, A, 4] and their log-probabilities [N, A]; also what is
     remembered after them [N, A, M].
 
     `observation` [N, A, 35], `noise` [N, A, 4] standard normal; the fights `env` [N, ...] for
@@ -90,7 +90,7 @@ def act(
     """
     each = []
     for agent, policy in enumerate(policies):
-        # unrolled: two plain products beat one batched product on a CPU
+        # unrolled: plain products beat one batched product on a CPU
         if isinstance(policy, Policy):
             recall = None if env is None else recalled(env, agent)
             each.append(draw_action(learn, policy, observation[:, agent], noise[:, agent], recall))
@@ -177,7 +177,7 @@ def _transition(
         final_observation=output.observation,
         cause=output.cause,
         clock=after.clock,
-        down=after.down,
+        down=after.crashed,
         active=output.active,
         idle=output.idle,
         reward_terms=output.reward_terms,

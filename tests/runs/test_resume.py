@@ -40,11 +40,17 @@ METHODS = {
         learn=replace(CONFIG.learn, critic="central"),
         selfplay=SelfPlayConfig(probability=0.5),
     ),
+    "teams": replace(
+        CONFIG,
+        train=CHUNKS_OF_SIX,
+        game=replace(CONFIG.game, defenders=2),
+        selfplay=SelfPlayConfig(probability=0.5, roles="both"),
+    ),
 }
 METHODS["memory"] = replace(
-    METHODS["sippo"], learn=replace(CONFIG.learn, memory="frames", frames=3)
+    METHODS["teams"], learn=replace(CONFIG.learn, memory="frames", frames=3)
 )
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ippo", "mappo", "memory")]
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in METHODS if name != "sippo"]
 
 
 @pytest.fixture(scope="module", params=["sippo", *SLOW])

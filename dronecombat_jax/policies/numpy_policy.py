@@ -66,8 +66,8 @@ class NumpyPolicy:
         seen = slots[..., -1:] > 0.5
         units = self._elu(slots[..., :-1] @ weights + biases[:, None])
         mean = np.where(seen, units, 0).sum(-2) / np.maximum(seen.sum(-2), 1)
-        told = np.concatenate([mean, seen.any(-2)], axis=-1, dtype=np.float32)
-        return np.concatenate([x[..., :own], told.reshape(*x.shape[:-1], -1)], axis=-1)
+        others = np.concatenate([mean, seen.any(-2)], axis=-1, dtype=np.float32)
+        return np.concatenate([x[..., :own], others.reshape(*x.shape[:-1], -1)], axis=-1)
 
     @staticmethod
     def _elu(x):

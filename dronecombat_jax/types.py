@@ -315,3 +315,5 @@ class Trajectory(NamedTuple):
     target: Any  # [3] m
     cause: int
     control_dt: float  # s
+    # by setting of `randomise`, [A] each: the drones' drawn numbers over the nominal ones
+    drawn: Any = None

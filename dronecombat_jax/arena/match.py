@@ -6,6 +6,8 @@ drones is flown by as many pilots, in their order. Many policies against many: `
 """
 
 from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -166,4 +168,15 @@ def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
         target=np.asarray(fights.start.target)[index],
         cause=int(fights.result.cause[index]),
         control_dt=combat.config.control_dt,
+        drawn=drawn_numbers(combat.config, fights.start, index),
     )
+
+
+def drawn_numbers(config: Config, start: EnvState, index: int | slice) -> dict[str, Any]:
+    """What was drawn for the drones of a fight, or of those of a slice, by setting of `randomise`:
+    numbers over the nominal ones [..., A]; empty where nothing was.
+    """
+    if start.craft is None or start.craft.drawn is None:
+        return {}
+    drawn, varied = start.craft.drawn, asdict(config.randomise).items()
+    return {name: np.asarray(getattr(drawn, name), float)[index] for name, share in varied if share}

@@ -1,7 +1,6 @@
 """`dronecombat evaluate`: the two policies of a run fight, and the outcomes are counted."""
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from dronecombat_jax.arena.match import Team, fight, policy_team, scripted_team, start_fights
+from dronecombat_jax.arena.match import drawn_numbers as drawn_in
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.combat.rules import outcome_table
@@ -134,17 +134,12 @@ def drawn_numbers(run: SavedRun, match: Match) -> dict[str, Any]:
     fights, combat = _fights_of(run, match)
     start_key, _ = jax.random.split(jax.random.key(match.seed))
     start = start_fights(combat, start_key, fights)
-    if start.craft is None or start.craft.drawn is None:
-        return {}
-    numbers = {}
-    for name, value in asdict(run.config.randomise).items():
-        if value:
-            factors = np.asarray(getattr(start.craft.drawn, name), float).round(4)
-            numbers[name] = {
-                drone: factors[:, index].tolist()
-                for index, drone in enumerate(drone_names(run.config.game.sides))
-            }
-    return {"drawn": numbers}
+    drones = drone_names(run.config.game.sides)
+    numbers = {
+        name: {drone: factors[:, i].round(4).tolist() for i, drone in enumerate(drones)}
+        for name, factors in drawn_in(run.config, start, slice(None)).items()
+    }
+    return {"drawn": numbers} if numbers else {}
 
 
 def _fights_of(run: SavedRun, match: Match) -> tuple[int, Combat]:

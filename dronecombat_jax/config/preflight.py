@@ -108,11 +108,11 @@ def _game(config: Config) -> Iterator[Problem]:
             ("game.spawn_altitude_low", "game.spawn_altitude_high"),
             f"game.spawn_altitude_low = {low:g} must not exceed game.spawn_altitude_high = {high:g}",
         )
-    for name in ("spawn_spread", "defender_spread"):
-        if game.spawn == "uniform" and (spread := getattr(game, name)):
+    for name in ("spawn_spread", "defender_spread", "defender_setback"):
+        if game.spawn == "uniform" and (value := getattr(game, name)):
             yield Problem(
                 ("game.spawn", f"game.{name}"),
-                f"game.{name} = {spread:g} widens fixed starts; with game.spawn = uniform it must be 0",
+                f"game.{name} = {value:g} is of fixed starts; with game.spawn = uniform it must be 0",
             )
     if game.crash_rule == "grounded" and game.sides != DUEL:
         yield Problem(

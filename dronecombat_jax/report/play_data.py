@@ -11,7 +11,7 @@ import numpy as np
 
 from dronecombat_jax.combat.games import DUEL, game_of
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.combat.starts import ARENA_HALF_WIDTH, START
+from dronecombat_jax.combat.starts import ARENA_HALF_WIDTH, places
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
@@ -78,7 +78,7 @@ def game_data(config: Config, scene: Scene) -> Data:
             "episode_steps": game.episode_steps,
         },
         "start": {
-            "places": START,
+            "places": places(game),
             "uniform": game.spawn == "uniform",
             "half_width": ARENA_HALF_WIDTH,
             "low": game.spawn_altitude_low,

@@ -108,11 +108,11 @@ def _game(config: Config) -> Iterator[Problem]:
             ("game.spawn_altitude_low", "game.spawn_altitude_high"),
             f"game.spawn_altitude_low = {low:g} must not exceed game.spawn_altitude_high = {high:g}",
         )
-    for name in ("spawn_spread", "defender_spread"):
-        if game.spawn == "uniform" and (spread := getattr(game, name)):
+    for name in ("spawn_spread", "defender_spread", "defender_setback"):
+        if game.spawn == "uniform" and (value := getattr(game, name)):
             yield Problem(
                 ("game.spawn", f"game.{name}"),
-                f"game.{name} = {spread:g} widens fixed starts; with game.spawn = uniform it must be 0",
+                f"game.{name} = {value:g} is of fixed starts; with game.spawn = uniform it must be 0",
             )
     if game.crash_rule == "grounded" and game.sides != DUEL:
         yield Problem(
@@ -150,6 +150,16 @@ def _learning(config: Config) -> Iterator[Problem]:
         yield Problem(
             ("learn.critic", "learn.algorithm"),
             f"learn.critic = central needs learn.algorithm = ppo: what {learn.algorithm} sees is its own business",
+        )
+    if learn.memory != "none" and learn.others != "flat":
+        yield Problem(
+            ("learn.memory", "learn.others"),
+            f"learn.memory = {learn.memory} needs learn.others = flat: slots of others are seen as they are now",
+        )
+    if learn.memory != "none" and learn.algorithm != "ppo":
+        yield Problem(
+            ("learn.memory", "learn.algorithm"),
+            f"learn.memory = {learn.memory} needs learn.algorithm = ppo: what {learn.algorithm} remembers is its own business",
         )
     low, start, high = learn.min_learning_rate, learn.learning_rate, learn.max_learning_rate
     if low > high or (learn.learning_rate_schedule == "kl" and not low <= start <= high):

@@ -1,7 +1,6 @@
 """`dronecombat evaluate`: the two policies of a run fight, and the outcomes are counted."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +17,7 @@ from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import stands_for
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.config.sides import drone_names, team
+from dronecombat_jax.config.starts import with_starts
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.rundir import RunDirectory
@@ -95,8 +95,7 @@ class Match(NamedTuple):
     # a scripted pilot in the defender's place (combat.scripted.PILOTS); "": the run's own
     defender: str = ""
     attacker: str = ""
-    # "fixed" (the three points themselves) or "uniform" starts; "": those of the run
-    spawn: str = ""
+    spawn: str = ""  # starts (`config.starts`); "": those of the run
 
 
 def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
@@ -145,10 +144,7 @@ def drawn_numbers(run: SavedRun, match: Match) -> dict[str, Any]:
 
 def _fights_of(run: SavedRun, match: Match) -> tuple[int, Combat]:
     """How many fights of which game."""
-    game = run.config.game
-    if match.spawn:
-        game = replace(game, spawn=match.spawn, spawn_spread=0.0, defender_spread=0.0)
-    combat = Combat(replace(run.config, game=game), run.combat.scene)
+    combat = Combat(with_starts(run.config, match.spawn), run.combat.scene)
     return match.fights or run.config.run.evaluation_fights, combat
 
 

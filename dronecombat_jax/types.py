@@ -87,7 +87,14 @@ class EnvState(struct.PyTreeNode):
     target: jax.Array  # [3] m
     clock: jax.Array  # [] int32, control steps since the start
     down: jax.Array  # [A] bool, the drone is down (or absent) and lies where it is
-    craft: Craft | None = None  # None: two ideal rigid bodies
+    craft: Craft | None = None  # None: ideal rigid bodies
+    # [A] bool, the drone is down by a strike, not a crash; None in a duel, which a strike ends
+    struck: jax.Array | None = None
+
+    @property
+    def crashed(self) -> jax.Array:
+        """Who is down (or absent) and was not struck, [A] bool."""
+        return self.down if self.struck is None else self.down & ~self.struck
 
 
 class StepOutput(NamedTuple):
@@ -174,7 +181,8 @@ class Transition(NamedTuple):
     final_observation: jax.Array  # [T, N, A, 35] after the step, before any reset
     cause: jax.Array  # [T, N] int32
     clock: jax.Array  # [T, N] int32, control steps flown when the step was done
-    down: jax.Array  # [T, N, A] bool, the drone was down after the step
+    # [T, N, A] bool, the drone was down after the step, and not by a strike
+    down: jax.Array
     active: jax.Array  # [T, N, A] bool, as in `StepOutput`
     idle: jax.Array  # [T, N, A] bool
     reward_terms: RewardTerms  # each [T, N, A]

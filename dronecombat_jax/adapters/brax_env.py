@@ -22,6 +22,7 @@ from dronecombat_jax.adapters.one_side import WINS, begin, refuse_wrong_number, 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.combat.scripted import Pilot
+from dronecombat_jax.config.sides import require_duel
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import (
     ACTION_SIZE,
@@ -51,6 +52,7 @@ class CombatEnv(Env):
 
         Raises UserError for a role that is none, and for an opponent too many or too few.
         """
+        require_duel(combat.config.game.sides, "this view of the fights")
         role = role_of(role)
         refuse_wrong_number(combat, role, int(opponent is not None))
         self.combat, self.role, self._opponent = combat, role, opponent

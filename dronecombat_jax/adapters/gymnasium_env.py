@@ -33,6 +33,7 @@ from dronecombat_jax.adapters.opponents import Opponents, pilots_of
 from dronecombat_jax.adapters.side_programs import Flown, programs
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import require_duel
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import ACTION_SIZE, Cause
 
@@ -60,6 +61,7 @@ class CombatVectorEnv(VectorEnv):
         """`opponents`: as of `opponents.pilots_of`; None in `solo`. `exploring`: fights begin as in
         training, with up to `train.start_speed`. Raises UserError for what cannot be.
         """
+        require_duel(combat.config.game.sides, "this view of the fights")
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
             raise UserError(f"num_envs = {num_envs}: a whole number from 1 on is allowed")
         self.combat, self.role, self.num_envs = combat, role_of(role), num_envs

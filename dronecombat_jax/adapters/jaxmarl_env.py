@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from dronecombat_jax.adapters.one_side import choose_one, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import require_duel
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import ACTION_SIZE, NUM_SIDES, SIDES, EnvState
 
@@ -62,6 +63,7 @@ class CombatMultiAgentEnv(Base):
 
     def __init__(self, combat: Combat, end_infos: bool = True):
         """`end_infos` False leaves infos empty, for programs that reshape all of them to [N]."""
+        require_duel(combat.config.game.sides, "this view of the fights")
         names = [name for name, flies in zip(SIDES, combat.game.flies, strict=True) if flies]
         if Base is not object:
             super().__init__(num_agents=len(names))

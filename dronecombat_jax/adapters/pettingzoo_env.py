@@ -29,6 +29,7 @@ from dronecombat_jax.adapters.frames import RENDER_MODES, Frames, require_mode
 from dronecombat_jax.adapters.one_side import scores, seed_words, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import require_duel
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import ACTION_SIZE, NUM_SIDES, SIDES, Cause, EnvState
 
@@ -45,6 +46,7 @@ class CombatParallelEnv(ParallelEnv):
 
     def __init__(self, combat: Combat, render_mode: str | None = None):
         """`render_mode`: rgb_array (uint8 [540, 960, 3]), ansi (a line), human (prints it) or None."""
+        require_duel(combat.config.game.sides, "this view of the fights")
         self.combat, self.render_mode = combat, require_mode(render_mode)
         self.metadata = {
             "name": "dronecombat_jax",

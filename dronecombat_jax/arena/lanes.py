@@ -15,13 +15,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dronecombat_jax.arena.match import advance, no_result
+from dronecombat_jax.arena.match import advance, mate_key, no_result
 from dronecombat_jax.arena.players import Kind
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.scripted import PILOTS, Pilot, build_pilot, one_per_fight
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.config.sides import team
 from dronecombat_jax.learn.rollout import policy_mean
 from dronecombat_jax.types import (
     ACTION_SIZE,
@@ -61,6 +62,14 @@ class Side(NamedTuple):
     pilot: jax.Array  # [L] int32, the scripted pilot, numbered as in `PILOTS`; -1: a policy flies
 
 
+class Drone(NamedTuple):
+    """Which drone a pilot flies."""
+
+    role: int
+    place: int  # among all drones of the fight
+    number: int  # in its team
+
+
 class Orders(NamedTuple):
     """What the lanes are to do in a call."""
 
@@ -95,7 +104,7 @@ def build_fly(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout, stochast
             else None
         )
         defender, attacker = (
-            _pilot(combat, kinds[role], sides[role], role, keys) for role in (DEFENDER, ATTACKER)
+            _team(combat, kinds[role], sides[role], role, keys) for role in (DEFENDER, ATTACKER)
         )
         unused = jax.random.key(0)  # these pilots have the fights' own keys
 
@@ -142,11 +151,21 @@ def fight_key(seed: jax.Array, words: jax.Array, episode: jax.Array) -> jax.Arra
     return key
 
 
-def _pilot(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None) -> Pilot:
-    policies = [] if side.policies is None else [_policies(kind, side.policies, side, role, keys)]
+def _team(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None) -> list[Pilot]:
+    """The pilots of a side's drones: all fly the lane's policy or scripted pilot."""
+    mates = range(*team(combat.config.game.sides, role).indices(len(combat.config.game.sides)))
+    return [
+        _pilot(combat, kind, side, Drone(role, drone, number), keys)
+        for number, drone in enumerate(mates)
+    ]
+
+
+def _pilot(combat: Combat, kind: Kind, side: Side, drone: Drone, keys: jax.Array | None) -> Pilot:
+    policies = [] if side.policies is None else [_policies(kind, side.policies, side, drone, keys)]
     flown = [_seeing(combat, kind.observation, pilot) for pilot in policies]
+    role = drone.role
     pilots = (
-        [build_pilot(name, combat.config, combat.scene, role) for name in PILOTS[role]]
+        [build_pilot(name, combat.config, combat.scene, role, drone.place) for name in PILOTS[role]]
         if kind.scripted
         else []
     )
@@ -180,27 +199,28 @@ def _seeing(combat: Combat, observation: str, pilot: Pilot) -> Pilot:
     return act
 
 
-def _policies(kind: Kind, policies: Policy, side: Side, role: int, keys: jax.Array | None) -> Pilot:
+def _policies(
+    kind: Kind, policies: Policy, side: Side, drone: Drone, keys: jax.Array | None
+) -> Pilot:
     """Every lane's policy, flown block by block; `keys` [L] make the random actions."""
     learn = LearnConfig(normalize_observations=kind.normalize)
 
     def act(state: EnvState, observation: jax.Array, _: jax.Array) -> jax.Array:
-        seen = observation[side.rows, role]
+        seen = observation[side.rows, drone.place]
         mean = jax.vmap(partial(policy_mean, learn))(policies, seen).reshape(-1, ACTION_SIZE)[
             side.seat
         ]
         if keys is None:
             return mean
         spread = jnp.repeat(jnp.exp(policies.log_std), side.rows.shape[1], axis=0)[side.seat]
-        return mean + spread * jax.vmap(partial(_noise, role))(keys, state.clock)
+        return mean + spread * jax.vmap(partial(_noise, drone))(keys, state.clock)
 
     return act
 
 
-def _noise(role: int, key: jax.Array, clock: jax.Array) -> jax.Array:
-    """The random numbers [4] of `match.fight` of one fight alone for the policy of `role` in the
+def _noise(drone: Drone, key: jax.Array, clock: jax.Array) -> jax.Array:
+    """The random numbers [4] of `match.fight` of one fight alone for the policy of `drone` in the
     step after `clock`.
     """
-    return jax.random.normal(
-        jax.random.split(jax.random.fold_in(key, clock), NUM_SIDES)[role], (1, ACTION_SIZE)
-    )[0]
+    key = jax.random.split(jax.random.fold_in(key, clock), NUM_SIDES)[drone.role]
+    return jax.random.normal(mate_key(key, drone.number), (1, ACTION_SIZE))[0]

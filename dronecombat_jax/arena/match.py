@@ -1,16 +1,19 @@
-"""Batched fights between two pilots, without learning: who wins, how, how fast.
+"""Batched fights between two pilots or teams of them, without learning: who wins, how, how fast.
 
-A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]`; trained
-policies and scripted pilots are the same to a match. Many policies against many: `tournament`.
+A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]` that
+flies one drone; trained policies and scripted pilots are the same to a match. A side of several
+drones is flown by as many pilots, in their order. Many policies against many: `tournament`.
 """
+
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.scripted import Pilot
-from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.combat.scripted import Pilot, build_pilot
+from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.learn.rollout import policy_mean
 from dronecombat_jax.types import (
     ATTACKER,
@@ -23,20 +26,45 @@ from dronecombat_jax.types import (
     Trajectory,
 )
 
+Team = Pilot | Sequence[Pilot]  # of one side, a pilot for each of its drones
 
-def policy_pilot(learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False) -> Pilot:
-    """Fly `policy` as `role`: its mean action or, `stochastic`, a random action.
+
+def policy_pilot(learn: LearnConfig, policy: Policy, drone: int, stochastic: bool = False) -> Pilot:
+    """Fly `policy` as `drone`, which in a duel is the role: its mean action or, `stochastic`, a
+    random action.
 
     Its log-std is taken as it is: `policies.file.as_flown` puts it into its bounds.
     """
 
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
-        mean = policy_mean(learn, policy, observation[:, role])
+        mean = policy_mean(learn, policy, observation[:, drone])
         if not stochastic:
             return mean
         return mean + jnp.exp(policy.log_std) * jax.random.normal(key, mean.shape)
 
     return act
+
+
+def policy_team(
+    config: Config, learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False
+) -> Sequence[Pilot]:
+    """`policy` at the controls of every drone of the side `role`."""
+    return [
+        policy_pilot(learn, policy, drone, stochastic)
+        for drone, side in enumerate(config.game.sides)
+        if side == role
+    ]
+
+
+def scripted_team(combat: Combat, name: str, role: int) -> Sequence[Pilot]:
+    """The scripted pilot `name` at the controls of every drone of the side `role`. UserError for an
+    unknown one.
+    """
+    return [
+        build_pilot(name, combat.config, combat.scene, role, drone)
+        for drone, side in enumerate(combat.config.game.sides)
+        if side == role
+    ]
 
 
 def start_fights(combat: Combat, key: jax.Array, num_fights: int) -> EnvState:
@@ -45,7 +73,7 @@ def start_fights(combat: Combat, key: jax.Array, num_fights: int) -> EnvState:
 
 
 def fight(
-    combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key: jax.Array
+    combat: Combat, defender: Team, attacker: Team, start: EnvState, key: jax.Array
 ) -> FightResult:
     """Fight all of `start` [E, ...] to the end; stops when the last one has ended."""
 
@@ -64,7 +92,7 @@ def fight(
 
 
 def record(
-    combat: Combat, defender: Pilot, attacker: Pilot, start: EnvState, key: jax.Array
+    combat: Combat, defender: Team, attacker: Team, start: EnvState, key: jax.Array
 ) -> FightRecord:
     """Like `fight`, keeping every step: `episode_steps` of them."""
 
@@ -82,8 +110,8 @@ def record(
 
 def advance(
     combat: Combat,
-    defender: Pilot,
-    attacker: Pilot,
+    defender: Team,
+    attacker: Team,
     state: EnvState,
     result: FightResult,
     key: jax.Array,
@@ -96,15 +124,24 @@ def advance(
     """
     observation = jax.vmap(combat.observe)(state)
     keys = jax.random.split(key)
-    pilots = {DEFENDER: defender, ATTACKER: attacker}
     action = jnp.stack(
-        [pilots[role](state, observation, keys[role]) for role in sorted(pilots)], axis=1
+        [
+            pilot(state, observation, mate_key(keys[role], number))
+            for role, side in ((DEFENDER, defender), (ATTACKER, attacker))
+            for number, pilot in enumerate([side] if callable(side) else side)
+        ],
+        axis=1,
     )
     after, output = jax.vmap(combat.step)(state, action)
     on = result.cause == Cause.NONE
     keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-    now = FightResult(output.cause, result.steps + 1, after.down & ~combat.game.absent)
+    now = FightResult(output.cause, result.steps + 1, after.crashed & ~combat.absent)
     return jax.tree.map(keep, after, state), jax.tree.map(keep, now, result), action
+
+
+def mate_key(key: jax.Array, number: int) -> jax.Array:
+    """The key of a team's drone `number` for a step; the first has the side's own."""
+    return jax.random.fold_in(key, number) if number else key
 
 
 def no_result(start: EnvState) -> FightResult:

@@ -81,7 +81,7 @@ def train(args: Sequence[str]) -> int:
     ):  # what cannot be flown is said before there is a folder
         from dronecombat_jax.sim.scene import load_scene
 
-        load_scene(config.sim)
+        load_scene(config.sim, sides=config.game.sides)
     from dronecombat_jax.machine import processes
     from dronecombat_jax.runs import training
 

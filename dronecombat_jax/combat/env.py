@@ -11,9 +11,11 @@ import jax.numpy as jnp
 from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.observe import observation_of, whole_of
 from dronecombat_jax.combat.reward import total
-from dronecombat_jax.combat.rules import detect, forfeit, timeout_decides
+from dronecombat_jax.combat.rules import detect, forfeit, struck_out, timeout_decides
 from dronecombat_jax.combat.sensors import first_memory, refuse_unlimited, remembered, see
+from dronecombat_jax.combat.starts import start_positions
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.sides import DUEL
 from dronecombat_jax.machine import jax_variables
 from dronecombat_jax.sim.craft import (
     CraftStep,
@@ -23,12 +25,7 @@ from dronecombat_jax.sim.craft import (
 )
 from dronecombat_jax.sim.flight import Step, build_step, split
 from dronecombat_jax.sim.scene import Scene, load_scene
-from dronecombat_jax.types import Cause, EnvState, StepOutput
-
-# Start positions of defender, attacker and target in m; the altitudes are random.
-START = ((0.0, 5.0), (0.0, 0.0), (5.0, 5.0))
-TARGET = 2  # its row
-ARENA_HALF_WIDTH = 5.0
+from dronecombat_jax.types import DEFENDER, Cause, EnvState, StepOutput
 
 # A body state beyond this is a diverged simulation: no drone gets there in one episode.
 MAX_COORDINATE = 1e4
@@ -49,6 +46,11 @@ class Combat:
         self.observation = observation_of(config)
         refuse_unlimited(config, self.observation)
         self.whole = whole_of(config)
+
+    @property
+    def absent(self) -> jax.Array:
+        """Who stands still at its start and takes no part, [A] bool."""
+        return self.game.absent(self.sides)
 
     @property
     def _position_numbers(self) -> int:
@@ -93,22 +95,10 @@ class Combat:
         In `solo` the attacker flies alone; the defender stands still at its start and takes no
         part.
         """
-        game = self.config.game
         craft = spawn_craft(self.config, self.scene, numbers[self._position_numbers :])
         if craft is not None:
             numbers = numbers[: self._position_numbers]
-        numbers = numbers.reshape(-1, 3)
-        places = (*self.sides, TARGET)
-        altitude = game.spawn_altitude_low + numbers[:, 2] * (
-            game.spawn_altitude_high - game.spawn_altitude_low
-        )
-        offset = 2.0 * numbers[:, :2] - 1.0
-        spreads = max(game.spawn_spread, game.defender_spread), game.spawn_spread, game.spawn_spread
-        spread = [[spreads[place]] for place in places]
-        plane = jnp.asarray([START[place] for place in places]) + jnp.asarray(spread) * offset
-        if game.spawn == "uniform":
-            plane = ARENA_HALF_WIDTH * offset
-        positions = jnp.concatenate([plane, altitude[:, None]], axis=-1)
+        positions = start_positions(self.config.game, numbers.reshape(-1, 3))
         level = jnp.asarray([1.0, 0.0, 0.0, 0.0])
         drones = len(self.sides)
         pose = jnp.concatenate([positions[:drones], jnp.broadcast_to(level, (drones, 4))], axis=-1)
@@ -117,8 +107,9 @@ class Combat:
             qvel=jnp.zeros(6 * drones),
             target=positions[drones],
             clock=jnp.zeros((), jnp.int32),
-            down=self.game.absent,
+            down=self.absent,
             craft=craft,
+            struck=None if self.sides == DUEL else jnp.zeros(drones, bool),
         )
         return first_memory(self.config.sensor, state)
 
@@ -132,7 +123,8 @@ class Combat:
         """
         spawning = self._position_numbers + num_random(self.config)
         state = self.spawn(numbers[:spawning])
-        state = state.replace(down=state.down | jnp.stack([alone, jnp.zeros((), bool)]))
+        defends = jnp.asarray([side == DEFENDER for side in self.sides])
+        state = state.replace(down=state.down | (alone & defends))
         if self.config.train.start_speed == 0.0:
             return state
         over_ground = self.config.train.start_speed * (
@@ -191,16 +183,23 @@ class Combat:
         clock = state.clock + 1
 
         events = detect(game, before.position, drones.position, state.target, state.down, clock)
-        cause = jnp.where(jnp.any(invalid), forfeit(invalid), self.game.judge(game, events))
+        lost = forfeit(invalid, self.sides)
+        cause = jnp.where(jnp.any(invalid), lost, self.game.judge(game, events))
         diverged: jax.Array = jnp.int32(Cause.DIVERGED)
         cause = jnp.where(sane, cause, diverged)
         terms = self.game.reward(self.config, drones, state.target, events, state.down, cause)
         terms = jax.tree.map(lambda term: jnp.where(sane & ~jnp.any(invalid), term, 0.0), terms)
 
         # A drone that goes down stays where it is, at rest.
-        down = jnp.where(sane, events.down, state.down)
+        down, struck = events.down, state.struck
+        if struck is not None:  # in a duel a strike ends the fight
+            struck = struck | (sane & struck_out(game, events) & ~events.down)
+            down = down | struck
+        down = jnp.where(sane, down, state.down)
         at_rest = jnp.where(jnp.repeat(down, 6), 0.0, qvel)
-        after = state.replace(qpos=qpos, qvel=at_rest, clock=clock, down=down, craft=craft)
+        after = state.replace(
+            qpos=qpos, qvel=at_rest, clock=clock, down=down, craft=craft, struck=struck
+        )
         after = remembered(self.config.sensor, after)
         truncated = (cause == Cause.TIMEOUT) & (not timeout_decides(game))
         output = StepOutput(

@@ -23,6 +23,10 @@ ENVIRONMENT_VERSION = 1
 # Settings that came later. With these values the game is what it was without them, so they are left
 # out, and the digest stays the same.
 _LATER = {
+    "game.defenders": 1,
+    "game.attackers": 1,
+    "game.team_spacing": 0.5,
+    "game.striker_down": False,
     "game.spawn_spread": 0.0,
     "game.defender_spread": 0.0,
     "game.nearest_k": 2,
@@ -94,7 +98,13 @@ def digest_of(environment: dict[str, Any]) -> str:
 
 def environment_diff(saved: dict[str, Any], here: dict[str, Any]) -> list[str]:
     """One line for each part in which two environments differ; foreign values are spelt as JSON."""
-    absent = lambda key: "the package's own" if key.startswith(SCENE) else "nothing"
+    absent = lambda key: (
+        json.dumps(_LATER[key])
+        if key in _LATER
+        else "the package's own"
+        if key.startswith(SCENE)
+        else "nothing"
+    )
     spelt = lambda side, key: json.dumps(side[key]) if key in side else absent(key)
     return [
         f"{key} is {spelt(saved, key)} there, {spelt(here, key)} here"

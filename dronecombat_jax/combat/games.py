@@ -16,6 +16,8 @@ from dronecombat_jax.combat.reward import reward_terms
 from dronecombat_jax.combat.rules import Events, judge
 from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.config.own import chosen
+from dronecombat_jax.config.sides import DUEL as DUEL_SIDES
+from dronecombat_jax.config.sides import Sides
 from dronecombat_jax.types import Drones, RewardTerms
 
 Judge = Callable[[GameConfig, Events], jax.Array]
@@ -25,14 +27,13 @@ Reward = Callable[[Config, Drones, jax.Array, Events, jax.Array, jax.Array], Rew
 class Game(NamedTuple):
     """What a scenario is made of: functions of one fight on plain arrays."""
 
-    flies: tuple[bool, ...]  # [A] whether a drone takes part; one that does not learns nothing
+    flies: tuple[bool, bool]  # whether a side takes part; one that does not learns nothing
     judge: Judge  # (settings, events) -> cause [] int32
     reward: Reward  # (settings, drones, target, events, down [A], cause) -> terms [A]
 
-    @property
-    def absent(self) -> jax.Array:
-        """Who stands still at its start and takes no part, [A] bool."""
-        return ~jnp.asarray(self.flies)
+    def absent(self, sides: Sides = DUEL_SIDES) -> jax.Array:
+        """Who stands still at its start and takes no part, [A] bool, of drones of these `sides`."""
+        return ~jnp.asarray([self.flies[side] for side in sides])
 
 
 def judge_alone(game: GameConfig, events: Events) -> jax.Array:
@@ -51,7 +52,7 @@ def reward_alone(
     """The rewards of the duel with its crash rule `ends`, each term [A]; 0 for who is absent."""
     alone = replace(config, game=replace(config.game, crash_rule="ends"))
     terms = reward_terms(alone, drones, target, events, down, cause)
-    return jax.tree.map(lambda term: jnp.where(~SOLO.absent, term, 0.0), terms)
+    return jax.tree.map(lambda term: jnp.where(~SOLO.absent(config.game.sides), term, 0.0), terms)
 
 
 DUEL = Game(flies=(True, True), judge=judge, reward=reward_terms)

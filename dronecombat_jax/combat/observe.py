@@ -13,6 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
 
 from dronecombat_jax.combat.sight import (
     DOWN,
@@ -22,10 +23,20 @@ from dronecombat_jax.combat.sight import (
     observe_bearing,
     observe_nearest,
 )
+from dronecombat_jax.combat.team_views import (
+    columns_of,
+    ego_fields,
+    ego_order,
+    observe_team_ego,
+    observe_team_world,
+    world_fields,
+    world_order,
+)
 from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.config.own import chosen
+from dronecombat_jax.config.sides import DUEL
 from dronecombat_jax.sim.rotation import conjugate, multiply, rotate, rotate_inverse
-from dronecombat_jax.types import ATTACKER, DEFENDER, Drones
+from dronecombat_jax.types import Drones
 
 Observe = Callable[[Drones, jax.Array], jax.Array]  # (drones [A, ...], target [3]) -> [A, size]
 
@@ -105,24 +116,36 @@ EGO_FIELDS = tuple(
 )
 
 
-def hiding(fields: Fields, observe: Observe) -> Observation:
+def hiding(fields: Fields, observe: Observe, whom: NDArray[np.int32]) -> Observation:
     """The observation `observe` in which the numbers of a drone that is not seen are 0.
 
-    A quaternion or a gravity of 0 is no drone's, so that this tells who is hidden. A part whose name
-    ends in _d or _a is of that drone, in _other of the other drone, else of the observer itself.
+    A quaternion or a gravity of 0 is no drone's, so that this tells who is hidden. `whom` [A, size]:
+    whose numbers stand in each column, by observer (`team_views.columns_of`).
     """
-    tells = {"d": (DEFENDER, DEFENDER), "a": (ATTACKER, ATTACKER), "other": (ATTACKER, DEFENDER)}
-    itself = (DEFENDER, ATTACKER)
-    columns = [
-        tells.get(name.split("_")[-1], itself) for name, length in fields for _ in range(length)
-    ]
-    whom = np.asarray(columns).T  # [A, size], by observer
 
     def partial(drones: Drones, target: jax.Array, seen: jax.Array) -> jax.Array:
         known = jnp.take_along_axis(seen, jnp.asarray(whom), axis=1)
         return jnp.where(known, observe(drones, target), 0.0)
 
     return Observation(fields, observe, partial)
+
+
+def world(game: GameConfig) -> Observation:
+    """Eq. 5, or the same for teams."""
+    sides, order = game.sides, world_order(game.sides)
+    if sides == DUEL:
+        return hiding(WORLD_FIELDS, observe_world, columns_of(WORLD_FIELDS, order))
+    fields = world_fields(sides)
+    return hiding(fields, functools.partial(observe_team_world, sides), columns_of(fields, order))
+
+
+def ego(game: GameConfig) -> Observation:
+    """The same in the observing drone's own frame."""
+    sides, order = game.sides, ego_order(game.sides)
+    if sides == DUEL:
+        return hiding(EGO_FIELDS, observe_ego, columns_of(EGO_FIELDS, order))
+    fields = ego_fields(sides)
+    return hiding(fields, functools.partial(observe_team_ego, sides), columns_of(fields, order))
 
 
 def bearing(game: GameConfig) -> Observation:
@@ -139,8 +162,8 @@ def nearest(game: GameConfig) -> Observation:
 
 # An observation, or a function that makes one for the rules of a game.
 OBSERVATIONS: dict[str, Observation | Callable[[GameConfig], Observation]] = {
-    "world": hiding(WORLD_FIELDS, observe_world),
-    "ego": hiding(EGO_FIELDS, observe_ego),
+    "world": world,
+    "ego": ego,
     "bearing": bearing,
     "nearest": nearest,
 }

@@ -1,11 +1,10 @@
 """Pilots that look ahead: each tries its choices against what the other side may do, in a model of
 the flight, and flies the choice that ends best.
 
-Rollouts of base policies (Bertsekas, "Rollout Algorithms for Constrained Dynamic Programming", 2005;
-"Dynamic Programming and Optimal Control", section 6.4) with several models of the other side, weighted
-by how well each explains its present thrust axis. Anew at every control step: nothing is remembered,
-nothing is random. What does not live here: the laws and what is tried
-(`choices`), the controller (`autopilot`).
+Rollouts of base policies (Bertsekas, Dynamic Programming and Optimal Control, volume 1, 2005, chapter
+6) against several models of the other side, weighted by how well each explains its present thrust
+axis. Anew at every control step: nothing is remembered, nothing is random. What does not live here:
+the laws and what is tried (`choices`), the controller (`autopilot`).
 """
 
 from typing import NamedTuple
@@ -49,13 +48,15 @@ class Ends(NamedTuple):
     lead: jax.Array  # s, by which the attacker would be at the target before the defender
 
 
-def build_plan(role: int, game: GameConfig, bodies: tuple[Airframe, Airframe]) -> Guidance:
-    """The guidance of `role` that looks ahead, for the rules of `game` and both airframes."""
-    own, other = OWN[role], OTHER[role]
+def build_plan(role: int, game: GameConfig, mine: Airframe, its: Airframe) -> Guidance:
+    """The guidance of `role` that looks ahead, for the rules of `game`, its own airframe and the
+    other side's.
+    """
+    own, other, bodies = OWN[role], OTHER[role], (mine, its)
 
     def plan(body: Airframe, now: Situation) -> jax.Array:
         ends = imagine(role, game, bodies, own, other, now)
-        value = jnp.sum(_worth(role, ends) * _likeness(role, bodies, other, now), axis=1)
+        value = jnp.sum(_worth(role, ends) * _likeness(its, other, now), axis=1)
         best = jnp.argmax(value, axis=0)
         wanted = _wanted(body, own, now, jnp.zeros(()))
         return jnp.take_along_axis(wanted, best[None, :, None], axis=0)[0]
@@ -88,13 +89,13 @@ def imagine(
             now.time + elapsed,
         )  # fmt: skip
         by_model = jax.vmap(
-            lambda me, it: _by_choice(bodies[role], own, seen(me, it), elapsed),
+            lambda me, it: _by_choice(bodies[0], own, seen(me, it), elapsed),
             in_axes=1,
             out_axes=1,
         )
-        by_own = jax.vmap(lambda me, it: _by_choice(bodies[1 - role], other, seen(me, it), elapsed))
-        moved = _moved(bodies[role], mine, by_model(mine, theirs))
-        it_moved = _moved(bodies[1 - role], theirs, by_own(theirs, mine))
+        by_own = jax.vmap(lambda me, it: _by_choice(bodies[1], other, seen(me, it), elapsed))
+        moved = _moved(bodies[0], mine, by_model(mine, theirs))
+        it_moved = _moved(bodies[1], theirs, by_own(theirs, mine))
         ends = _judge(role, game, now.target, (mine, theirs), (moved, it_moved), ends)
         return (moved, it_moved, ends), None
 
@@ -200,13 +201,10 @@ def _worth(role: int, ends: Ends) -> jax.Array:
     return jnp.where(ends.won, won, jnp.where(ends.lost, lost, open_))
 
 
-def _likeness(
-    role: int, bodies: tuple[Airframe, Airframe], models: tuple[Choices, ...], now: Situation
-) -> jax.Array:
+def _likeness(body: Airframe, models: tuple[Choices, ...], now: Situation) -> jax.Array:
     """Weights [J, E] of the models of the other side, sum 1: the nearer the thrust that a model asks
     for is to the other drone's thrust axis, the larger.
     """
-    body = bodies[1 - role]
     its = Situation(
         now.other_position, now.other_velocity, now.other_up, now.position, now.velocity, now.up,
         now.target, now.time,

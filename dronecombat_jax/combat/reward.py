@@ -7,8 +7,9 @@ r_a = dt [w (1 - tanh(|p_a - p_t| / c2)) - 0.05 |v_a|^2 - 0.01 |w_a|^2] + win - 
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.combat.rules import Events, timeout_decides
+from dronecombat_jax.combat.rules import Events, struck_out, teams, timeout_decides
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.sides import DUEL
 from dronecombat_jax.types import Cause, Drones, RewardTerms
 
 
@@ -32,18 +33,22 @@ def reward_terms(
     flying = jnp.ones_like(down) if grounded else ~down
     dense = scale * flying.astype(jnp.float32)
 
-    position = drones.position
-    distance = jnp.linalg.norm(position - jnp.stack([position[1], target]), axis=-1)
-    distance_scale = jnp.asarray([weights.defender_distance_scale, weights.attacker_distance_scale])
+    distance = jnp.linalg.norm(drones.position - _goals(config, drones, target, events), axis=-1)
+    scales = weights.defender_distance_scale, weights.attacker_distance_scale
+    distance_scale = jnp.asarray([scales[side] for side in game.sides])
     approach = weights.approach_weight * (1.0 - jnp.tanh(distance / distance_scale))
 
     is_cause = lambda name: (cause == name).astype(jnp.float32)
-    intercept, reached = is_cause(Cause.INTERCEPT), is_cause(Cause.REACHED)
+    each = lambda defender, attacker: jnp.stack([(defender, attacker)[s] for s in game.sides])
+    defended, attacked = teams(game)
+    struck, reached = _struck(config, events, cause), is_cause(Cause.REACHED)
+    all_of = lambda share, part: jnp.broadcast_to(share, (part.stop - part.start,))
     timeout = is_cause(Cause.TIMEOUT) * float(timeout_decides(game))
-    win = weights.win * jnp.stack([intercept, reached])
-    win = win + weights.crash_win * jnp.stack(
-        [is_cause(Cause.ATTACKER_CRASH), is_cause(Cause.DEFENDER_CRASH)]
+    win = weights.win * jnp.concatenate([struck[defended], all_of(reached, attacked)])
+    win = win + weights.crash_win * each(
+        is_cause(Cause.ATTACKER_CRASH), is_cause(Cause.DEFENDER_CRASH)
     )
+    lost = all_of(weights.lose * reached, defended), weights.intercepted * struck[attacked]
     pays_crash = events.down if grounded else events.crashed
     return RewardTerms(
         approach=dense * approach,
@@ -54,10 +59,41 @@ def reward_terms(
         * weights.angular_velocity_penalty
         * jnp.sum(drones.rate**2, axis=-1),
         win=win,
-        lose=-jnp.stack([weights.lose * reached, weights.intercepted * intercept]),
+        lose=-jnp.concatenate(lost),
         crash=-weights.crash_penalty * pays_crash.astype(jnp.float32),
-        timeout=timeout * jnp.asarray([weights.timeout_win, -weights.timeout_penalty]),
+        timeout=timeout * each(weights.timeout_win, -weights.timeout_penalty),
     )
+
+
+def _goals(config: Config, drones: Drones, target: jax.Array, events: Events) -> jax.Array:
+    """[A, 3] m, what each drone is to approach: a defender the nearest attacker that still flies,
+    or the nearest of all where none does; an attacker the target.
+    """
+    game, position = config.game, drones.position
+    defended, attacked = teams(game)
+    if game.sides == DUEL:
+        return jnp.stack([position[1], target])
+    flying = ~(events.down | struck_out(game, events))[attacked]
+    way = position[defended][:, None] - position[attacked][None]
+    away = jnp.where(flying | ~jnp.any(flying), jnp.sum(way**2, axis=-1), jnp.inf)
+    nearest = position[attacked][jnp.argmin(away, axis=-1)]
+    return jnp.concatenate([nearest, jnp.broadcast_to(target, (game.attackers, 3))])
+
+
+def _struck(config: Config, events: Events, cause: jax.Array) -> jax.Array:
+    """What the strikes of this step are worth to each drone, [A], in units of one prize or price.
+
+    To the defender that struck 1, to its team mates `reward.team_share`; to the attacker that was
+    struck 1, to its team mates that share. In a duel it is the cause that counts.
+    """
+    share, strikes = config.reward.team_share, events.strikes
+    if config.game.sides == DUEL or strikes is None:
+        return jnp.repeat((cause == Cause.INTERCEPT).astype(jnp.float32), len(config.game.sides))
+    taken = jnp.any(strikes, axis=0)
+    by_defender = jnp.sum(jnp.where(strikes, 1.0, share * taken), axis=1)
+    itself = jnp.eye(config.game.attackers, dtype=bool)
+    of_attacker = jnp.sum(jnp.where(itself, 1.0, share) * taken, axis=1)
+    return jnp.concatenate([by_defender, of_attacker])
 
 
 def total(terms: RewardTerms) -> jax.Array:

@@ -9,17 +9,22 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.config.fields import GameConfig
+from dronecombat_jax.config.sides import DUEL, Sides, team
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, Outcome
 
 
 class Events(NamedTuple):
     """What happened in one control step of one fight; each [] or [A] bool."""
 
-    intercept: jax.Array  # []
-    reached: jax.Array  # []
+    intercept: jax.Array  # [] a defender struck an attacker
+    reached: jax.Array  # [] an attacker reached the target
     crashed: jax.Array  # [A] went down in this step
     down: jax.Array  # [A] lies on the ground after this step, or was absent from the start
     timeout: jax.Array  # []
+    # Who did it: [D, M] bool, which of D defenders struck which of M attackers, and [M] bool. None:
+    # the one drone of the side.
+    strikes: jax.Array | None = None
+    arrived: jax.Array | None = None
 
 
 def closest_approach(start: jax.Array, end: jax.Array) -> jax.Array:
@@ -46,33 +51,47 @@ def detect(
     """
     if not game.swept_events:
         before = after
-    gap = closest_approach(before[DEFENDER] - before[ATTACKER], after[DEFENDER] - after[ATTACKER])
-    miss = closest_approach(before[ATTACKER] - target, after[ATTACKER] - target)
+    defence, attack = teams(game)
+    apart = lambda place: place[defence][:, None] - place[attack][None]
+    near = closest_approach(apart(before), apart(after)) < game.intercept_radius
+    strikes = near & ~down[defence][:, None] & ~down[attack]
+    miss = closest_approach(before[attack] - target, after[attack] - target)
+    arrived = (miss < game.reach_radius) & ~down[attack]
     crashed = (after[:, 2] < game.crash_altitude) & ~down
     return Events(
-        intercept=(gap < game.intercept_radius) & ~jnp.any(down),
-        reached=(miss < game.reach_radius) & ~down[ATTACKER],
+        intercept=jnp.any(strikes),
+        reached=jnp.any(arrived),
         crashed=crashed,
         down=down | crashed,
         timeout=clock >= game.episode_steps,
+        strikes=strikes,
+        arrived=arrived,
     )
 
 
 def judge(game: GameConfig, events: Events) -> jax.Array:
     """The `Cause` [] int32 that ends the fight in this step, or NONE; the first of simultaneous
     events counts.
+
+    A side has lost when none of its drones flies any more: the attackers to an interception where
+    one of them was struck in this step, else to a crash. An attacker that is struck reaches nothing.
     """
-    defender_crash, attacker_crash = events.crashed[DEFENDER], events.crashed[ATTACKER]
+    defence, attack = teams(game)
+    taken, struck = taken_out(game, events), struck_out(game, events)
+    gone, going = events.down | struck, events.crashed | struck
+    arrived = events.reached if events.arrived is None else events.arrived & ~taken
+    wiped = lambda side: jnp.all(gone[side]) & jnp.any(going[side])
+    defender_crash, attacker_crash = wiped(defence), wiped(attack)
     both_crash = defender_crash & attacker_crash
-    if game.crash_rule == "out":  # the attacker flies on alone, and fails with its own crash
+    if game.crash_rule == "out":  # the attackers fly on alone, and fail with their own crash
         defender_crash = jnp.zeros_like(defender_crash)
     if game.crash_rule == "grounded":
         # the fight lasts until both lie there
         both_crash = jnp.all(events.down)
         defender_crash = attacker_crash = jnp.zeros_like(defender_crash)
     ordered = [
-        (events.intercept, Cause.INTERCEPT),
-        (events.reached, Cause.REACHED),
+        (jnp.any(taken) & jnp.all(gone[attack]), Cause.INTERCEPT),
+        (jnp.any(arrived), Cause.REACHED),
         (both_crash, Cause.BOTH_CRASH),
         (defender_crash, Cause.DEFENDER_CRASH),
         (attacker_crash, Cause.ATTACKER_CRASH),
@@ -84,11 +103,34 @@ def judge(game: GameConfig, events: Events) -> jax.Array:
     return cause
 
 
-def forfeit(invalid: jax.Array) -> jax.Array:
+def teams(game: GameConfig) -> tuple[slice, slice]:
+    """The drones of the defender's and of the attacker's side."""
+    return team(game.sides, DEFENDER), team(game.sides, ATTACKER)
+
+
+def taken_out(game: GameConfig, events: Events) -> jax.Array:
+    """Which attackers were struck in this step, [M] bool."""
+    if events.strikes is None:
+        return events.intercept.reshape(1)
+    return jnp.any(events.strikes, axis=0)
+
+
+def struck_out(game: GameConfig, events: Events) -> jax.Array:
+    """Who goes down by a strike in this step, [A] bool: the attacker that is struck, and under
+    `game.striker_down` the defender that struck.
+    """
+    taken, strikes = taken_out(game, events), events.strikes
+    strikers = jnp.zeros(game.defenders, bool)
+    if game.striker_down and strikes is not None:
+        strikers = jnp.any(strikes, axis=1)
+    return jnp.concatenate([strikers, taken])
+
+
+def forfeit(invalid: jax.Array, sides: Sides = DUEL) -> jax.Array:
     """The `Cause` [] int32 by which the sides that gave an `invalid` [A] action lose the fight;
     NONE where none did.
     """
-    defender, attacker = invalid[DEFENDER], invalid[ATTACKER]
+    defender, attacker = (jnp.any(invalid[team(sides, side)]) for side in (DEFENDER, ATTACKER))
     single = jnp.where(attacker, jnp.int32(Cause.ATTACKER_INVALID), jnp.int32(Cause.NONE))
     other = jnp.where(attacker, jnp.int32(Cause.BOTH_INVALID), jnp.int32(Cause.DEFENDER_INVALID))
     return jnp.where(defender, other, single)

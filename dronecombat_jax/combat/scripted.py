@@ -18,6 +18,7 @@ from dronecombat_jax.combat.guidance import Guidance, Situation
 from dronecombat_jax.combat.planner import build_plan
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import Sides, team
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.rotation import body_z
@@ -27,17 +28,25 @@ from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Drones, EnvState
 Pilot = Callable[[EnvState, jax.Array, jax.Array], jax.Array]
 
 
-def build_pilot(name: str, config: Config, scene: Scene, role: int | None = None) -> Pilot:
-    """The scripted pilot `name` of `PILOTS` or `PLANNERS`, for this body and clock.
+def build_pilot(
+    name: str, config: Config, scene: Scene, role: int | None = None, drone: int | None = None
+) -> Pilot:
+    """The scripted pilot `name` of `PILOTS` or `PLANNERS`, for this body and clock, at the controls
+    of `drone` (None: the first of its side).
 
-    Raises UserError for an unknown name, or one that flies the other `role`.
+    In a team each drone flies on its own, against the nearest opponent that flies. Raises UserError
+    for an unknown name, or one that flies the other `role`.
     """
     for side in PILOTS:
         if name in names_of(side) and role in (None, side):
-            bodies = (airframe(config, scene, DEFENDER), airframe(config, scene, ATTACKER))
-            plans = name == PLANNERS[side]
-            law = build_plan(side, config.game, bodies) if plans else PILOTS[side][name]
-            return _pilot(side, law, bodies[side], config.control_dt)
+            sides = config.game.sides
+            drone = sides.index(side) if drone is None else drone
+            body = airframe(config, scene, drone)
+            if name in PILOTS[side]:
+                return _pilot(sides, drone, PILOTS[side][name], body, config.control_dt)
+            other = airframe(config, scene, sides.index(1 - side))
+            plan = build_plan(side, config.game, body, other)
+            return _pilot(sides, drone, plan, body, config.control_dt)
     roles = PILOTS if role is None else (role,)
     names = "; ".join(f"{SIDES[side]}s: {', '.join(names_of(side))}" for side in roles)
     raise UserError(f"{one_line(name)}: no scripted pilot has this name ({names})")
@@ -60,23 +69,41 @@ def one_per_fight(pilots: Sequence[Pilot], which: jax.Array) -> Pilot:
     return act
 
 
-def _pilot(role: int, law: Guidance, body: Airframe, step: float) -> Pilot:
+def _pilot(sides: Sides, drone: int, law: Guidance, body: Airframe, step: float) -> Pilot:
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
         drones = split(state.qpos, state.qvel)
-        situation = _situation(drones, role, state.target, state.clock * step)
+        other = _opponent(sides, drone, drones, state.down)
+        own = Drones(*(field[:, drone] for field in drones))
+        situation = _situation(own, other, state.target, state.clock * step)
         wanted = law(body, situation)
         force = attainable(body, situation.position[:, 2], situation.velocity[:, 2], wanted)
         speeds = None if state.craft is None else state.craft.speeds
-        mine = None if speeds is None else speeds[:, role]
-        return steer(body, drones.quaternion[:, role], drones.rate[:, role], force, mine)
+        mine = None if speeds is None else speeds[:, drone]
+        return steer(body, own.quaternion, own.rate, force, mine)
 
     return act
 
 
-def _situation(drones: Drones, role: int, target: jax.Array, time: jax.Array) -> Situation:
-    position, velocity, up = drones.position, drones.velocity, body_z(drones.quaternion)
-    both = [x[:, side] for side in (role, 1 - role) for x in (position, velocity, up)]
-    return Situation(*both, target, time)
+def _opponent(sides: Sides, drone: int, drones: Drones, down: jax.Array) -> Drones:
+    """The opponent that the pilot of `drone` minds, fields [E, ...]: the only one, or the nearest
+    that flies, or the nearest of all where none does.
+    """
+    others = team(sides, 1 - sides[drone])
+    if others.stop - others.start == 1:
+        return Drones(*(field[:, others.start] for field in drones))
+    way = drones.position[:, others] - drones.position[:, drone, None]
+    flies = ~down[:, others]
+    minded = flies | ~jnp.any(flies, axis=1, keepdims=True)
+    nearest = jnp.argmin(jnp.where(minded, jnp.sum(way**2, axis=-1), jnp.inf), axis=1)
+    fights = jnp.arange(nearest.shape[0])
+    return Drones(*(field[fights, others.start + nearest] for field in drones))
+
+
+def _situation(own: Drones, other: Drones, target: jax.Array, time: jax.Array) -> Situation:
+    seen = [
+        part for it in (own, other) for part in (it.position, it.velocity, body_z(it.quaternion))
+    ]
+    return Situation(*seen, target, time)
 
 
 PILOTS: dict[int, dict[str, Guidance]] = {

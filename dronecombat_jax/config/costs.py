@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 from dronecombat_jax.config.estimates import (
     ACTION_SIZE,
-    OBSERVATION_SIZE,
     SIDES,
     bytes_in_words,
     estimated_bytes,
     estimated_disk_bytes,
     free_bytes,
+    observation_floats,
 )
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.scales import Scale
@@ -97,7 +97,7 @@ def step_flops(config: Config) -> float:
     """
     flown, learnt = 0, 0
     for last in (ACTION_SIZE, 1):
-        sizes = (OBSERVATION_SIZE, *config.learn.hidden_sizes, last)
+        sizes = (observation_floats(config), *config.learn.hidden_sizes, last)
         layers = [2 * rows * columns for rows, columns in pairwise(sizes)]
         flown += sum(layers)
         learnt += config.learn.epochs * (3 * sum(layers) - layers[0])

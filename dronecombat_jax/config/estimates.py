@@ -12,10 +12,9 @@ from pathlib import Path
 from dronecombat_jax.config import opponents
 from dronecombat_jax.config.fields import Config
 
-OBSERVATION_SIZE = 35  # eq. 5
+OBSERVATION_SIZE = 35  # eq. 5, of two drones
+DRONE_SIZE, TARGET_SIZE = 16, 3  # its parts
 ACTION_SIZE = 4
-AGENTS = 2  # drones
-WHOLE_SIZE = OBSERVATION_SIZE + AGENTS  # what a central critic sees
 SIDES = 2  # learners
 PHYSICS_BYTES = 4700  # of MJX's arrays per environment (measured, docs/performance.md)
 FIGHT_FLOATS = 36  # of one fight in a checkpoint
@@ -37,13 +36,20 @@ def estimated_bytes(config: Config) -> int:
     """
     learn, train = config.learn, config.train
     transitions = train.num_envs * learn.rollout_steps
-    seen = OBSERVATION_SIZE + (WHOLE_SIZE if learn.critic == "central" else 0)
-    rollout = 2 * transitions * AGENTS * (2 * seen + ACTION_SIZE + 10)
+    drones, seen = len(config.game.sides), observation_floats(config)
+    if learn.critic == "central":
+        seen += DRONE_SIZE * drones + TARGET_SIZE + drones  # who observes
+    rollout = 2 * transitions * drones * (2 * seen + ACTION_SIZE + 10)
     minibatch = transitions // learn.minibatches * 6 * sum(learn.hidden_sizes)
     policy, value = _network_floats(config)
     learners = SIDES * 3 * (policy + value)
     floats = rollout + minibatch + learners + _pool_floats(config, policy)
     return train.num_seeds * (4 * floats + PHYSICS_BYTES * train.num_envs)
+
+
+def observation_floats(config: Config) -> int:
+    """Of one drone's observation, as eq. 5 has it of all drones."""
+    return DRONE_SIZE * len(config.game.sides) + TARGET_SIZE
 
 
 def estimated_disk_bytes(config: Config) -> int:
@@ -114,7 +120,7 @@ def bytes_in_words(count: int) -> str:
 
 def _network_floats(config: Config) -> tuple[int, int]:
     """How many floats one agent's policy (with its log-std) and its value function have."""
-    sizes = (OBSERVATION_SIZE, *config.learn.hidden_sizes)
+    sizes = (observation_floats(config), *config.learn.hidden_sizes)
     trunk = sum((rows + 1) * columns for rows, columns in pairwise(sizes))
     return trunk + (sizes[-1] + 2) * ACTION_SIZE, trunk + sizes[-1] + 1
 

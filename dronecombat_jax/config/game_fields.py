@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dronecombat_jax.config.setting import setting
-from dronecombat_jax.config.sides import DUEL, Sides
+from dronecombat_jax.config.sides import MAX_TEAM, Sides, sides_of
 
 
 @dataclass(frozen=True)
@@ -151,6 +151,20 @@ class GameConfig:
     scenario: Literal["duel", "solo"] = setting(
         "duel", "duel: both fight; solo: the attacker alone, the defender is absent", own=True
     )
+    defenders: int = setting(
+        1, "drones on the defender's side (docs/concepts/teams.md)", low=1, high=MAX_TEAM
+    )
+    attackers: int = setting(1, "drones on the attacker's side", low=1, high=MAX_TEAM)
+    team_spacing: float = setting(
+        0.5,
+        "the least distance along x at which team mates start",
+        unit="m",
+        low=0.0,
+        high=5.0,
+    )
+    striker_down: bool = setting(
+        False, "teams: a defender that takes an attacker out goes down with it"
+    )
     spawn: Literal["fixed", "uniform"] = setting(
         "fixed", "start positions: three points, or uniform in [-5, 5]^2"
     )
@@ -217,7 +231,7 @@ class GameConfig:
     @property
     def sides(self) -> Sides:
         """The side of each drone, in the order of all arrays: defenders, then attackers."""
-        return DUEL
+        return sides_of(self.defenders, self.attackers)
 
 
 @dataclass(frozen=True)
@@ -246,6 +260,12 @@ class RewardConfig:
     )
     intercepted: float = setting(
         300.0, "paid by the attacker when it is intercepted", low=0.0, high=1e5
+    )
+    team_share: float = setting(
+        0.5,
+        "teams: what a team mate's strike (its being struck) counts for a drone, over its own",
+        low=0.0,
+        high=1.0,
     )
     crash_penalty: float = setting(10.0, "paid by a drone that crashes", low=0.0, high=1e5)
     crash_win: float = setting(

@@ -24,6 +24,7 @@ from dronecombat_jax.config.estimates import (
 )
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.problem import Problem
+from dronecombat_jax.config.sides import DUEL, spelt
 from dronecombat_jax.errors import UserError
 
 NO_WANDB = "it needs the wandb package. Fix: pip install 'dronecombat-jax[wandb]'"
@@ -190,6 +191,12 @@ def _game(config: Config) -> Iterator[Problem]:
                 ("game.spawn", f"game.{name}"),
                 f"game.{name} = {spread:g} widens fixed starts; with game.spawn = uniform it must be 0",
             )
+    if game.crash_rule == "grounded" and game.sides != DUEL:
+        yield Problem(
+            ("game.crash_rule", "game.defenders", "game.attackers"),
+            f"game.crash_rule = grounded is for one drone a side, not {spelt(game.sides)}: "
+            "ends or out is allowed",
+        )
     if crash >= low:
         yield Problem(
             ("game.crash_altitude", "game.spawn_altitude_low"),

@@ -4,6 +4,7 @@ Drones are in one order everywhere: all defenders, then all attackers. Nothing i
 """
 
 from dronecombat_jax.config.opponents import SIDES as NAMES
+from dronecombat_jax.errors import UserError
 
 Sides = tuple[int, ...]  # the side of each drone: 0 the defender's, 1 the attacker's
 DUEL: Sides = (0, 1)
@@ -28,6 +29,12 @@ def drone_names(sides: Sides) -> tuple[str, ...]:
         number = drone - team(sides, side).start + 1
         names.append(NAMES[side] if sides.count(side) == 1 else f"{NAMES[side]}{number}")
     return tuple(names)
+
+
+def require_duel(sides: Sides, what: str) -> None:
+    """UserError where `what` is made for one drone a side and more fly."""
+    if sides != DUEL:
+        raise UserError(f"{what} is made for one drone a side, not {spelt(sides)}")
 
 
 def spelt(sides: Sides) -> str:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from dronecombat_jax.combat.observe import observation_of, whole_of
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.own import chosen
+from dronecombat_jax.config.sides import DUEL, Sides, team
 from dronecombat_jax.learn.ippo import adopt, init_learner, update_learner
 from dronecombat_jax.learn.rollout import policy_of, select
 from dronecombat_jax.types import NUM_SIDES, Policy, Transition, UpdateMetrics
@@ -58,17 +59,21 @@ def learn_from(
     key: jax.Array,
     learning: jax.Array,
     parts: tuple[slice, slice] = (ALL, ALL),
+    sides: Sides = DUEL,
 ) -> tuple[Learners, UpdateMetrics]:
     """Let each side that is `learning` [A] bool learn from its own part of the rollout.
 
     A side that does not learn keeps every bit of its state. One that learns must have flown itself:
     `parts` are the environments, one after the other, in which each side has. Where there is none,
-    the side has no program at all.
+    the side has no program at all. Team mates share their side's learner, which learns from the
+    steps of all of them: to it they are so many more environments.
     """
     results = []
     for side in range(NUM_SIDES):
         side_key = jax.random.fold_in(key, side)
         own = rollout if parts[side] == ALL else part_of(rollout, parts[side])
+        if sides != DUEL:
+            own = of_team(own, team(sides, side))
         learner = select(learners, side)
         if own.clock.shape[1] == 0:
             results.append((learner, _nothing()))
@@ -80,6 +85,25 @@ def learn_from(
 def part_of(rollout: Any, part: slice) -> Any:
     """The environments `part` of `rollout`, leaves [T, N, ...]."""
     return jax.tree.map(lambda leaf: leaf[:, part], rollout)
+
+
+def of_team(rollout: Transition, mates: slice) -> Transition:
+    """The rollout of one side's drones, leaves [T, N n, 2, ...]: each of n team mates as if it were
+    alone in an environment of its own.
+
+    In both places of the agents' axis stands the side's own drone, so that a learner finds it in
+    the place of its side.
+    """
+    size = mates.stop - mates.start
+
+    def fold(leaf: jax.Array) -> jax.Array:
+        steps, fights = leaf.shape[:2]
+        if leaf.ndim == 2:  # of the fight
+            return jnp.repeat(leaf, size, axis=1)
+        own = leaf[:, :, mates].reshape(steps, fights * size, 1, *leaf.shape[3:])
+        return jnp.broadcast_to(own, (steps, fights * size, NUM_SIDES, *leaf.shape[3:]))
+
+    return jax.tree.map(fold, rollout)
 
 
 def without(solo_envs: int, rollout: Any) -> Any:

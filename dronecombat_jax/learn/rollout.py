@@ -22,9 +22,9 @@ from dronecombat_jax.types import (
 # Whoever does not learn from its actions: (fights [N, ...], observation [N, A, 35], standard normal
 # noise [N, 4]) -> action [N, 4], its log-probability [N]; 0 where nobody will ask for it.
 Seat = Callable[[EnvState, jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
-# Who flies: the defender's and the attacker's policy; leaves [...], or [N, ...] for one in each
-# environment. Or a function, where different ones sit in a side's place.
-Policies = tuple[Policy | Seat, Policy | Seat]
+# Who flies each drone [A]: its side's policy, leaves [...], or [N, ...] for one in each environment.
+# Or a function, where different ones sit in a side's place.
+Policies = tuple[Policy | Seat, ...]
 
 
 def collect(
@@ -75,14 +75,14 @@ def act(
     noise: jax.Array,
     env: EnvState | None = None,
 ) -> tuple[jax.Array, jax.Array]:
-    """Draw both agents' actions [N, A, 4] and their log-probabilities [N, A].
+    """Draw all agents' actions [N, A, 4] and their log-probabilities [N, A].
 
     `observation` [N, A, 35], `noise` [N, A, 4] standard normal; the fights `env` [N, ...] for
     those of `policies` that are functions.
     """
     actions, log_probs = [], []
     for agent, policy in enumerate(policies):
-        # unrolled: two plain products beat one batched product on a CPU
+        # unrolled: plain products beat one batched product on a CPU
         if isinstance(policy, Policy):
             action, log_prob = draw_action(learn, policy, observation[:, agent], noise[:, agent])
         else:
@@ -150,7 +150,7 @@ def _transition(
         final_observation=output.observation,
         cause=output.cause,
         clock=after.clock,
-        down=after.down,
+        down=after.crashed,
         active=output.active,
         idle=output.idle,
         reward_terms=output.reward_terms,

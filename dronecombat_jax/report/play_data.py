@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dronecombat_jax.combat.env import ARENA_HALF_WIDTH, START
 from dronecombat_jax.combat.games import DUEL, game_of
 from dronecombat_jax.combat.rules import outcome_table
+from dronecombat_jax.combat.starts import ARENA_HALF_WIDTH, START
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError

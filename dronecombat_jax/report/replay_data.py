@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dronecombat_jax.combat.env import ARENA_HALF_WIDTH
 from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.rules import outcome_table
+from dronecombat_jax.combat.starts import ARENA_HALF_WIDTH
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.report.video import CAPTIONS, finite_part
@@ -74,7 +74,7 @@ def rules_of(config: Config, scene: Scene) -> Rules:
         intercept_radius=game.intercept_radius,
         reach_radius=game.reach_radius,
         crash_altitude=game.crash_altitude,
-        thrust=(_full_thrust(config, weight[0]), _full_thrust(config, weight[1])),
+        thrust=(_full_thrust(config, scene, 0), _full_thrust(config, scene, 1)),
         weight=weight,
         winners=outcome_table(game),
         alone=not game_of(config).flies[DEFENDER],
@@ -82,11 +82,11 @@ def rules_of(config: Config, scene: Scene) -> Rules:
     )
 
 
-def _full_thrust(config: Config, weight: float) -> float:
+def _full_thrust(config: Config, scene: Scene, role: int) -> float:
     """N at full command; that of rotors where they are flown."""
     if config.sim.actuation == "wrench":
-        return config.sim.thrust_to_weight * weight
-    return full_thrust(config.sim, weight)
+        return config.sim.thrust_to_weight * float(scene.weight[role])
+    return full_thrust(config.sim, scene, role)
 
 
 def as_sticks(action: np.ndarray) -> np.ndarray:

@@ -9,14 +9,14 @@ import jax
 import numpy as np
 from scipy import stats
 
-from dronecombat_jax.arena.match import fight, policy_pilot, start_fights
+from dronecombat_jax.arena.match import Team, fight, policy_team, scripted_team, start_fights
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import stands_for
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import drone_names, team
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.rundir import RunDirectory
@@ -112,15 +112,16 @@ def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
     ]
     flown = [None if isinstance(flyer, str) else flyer for flyer in flyers]
 
-    def pilot(policy: Policy | None, role: int) -> Pilot:
+    def pilots_of(policy: Policy | None, role: int) -> Team:
         if policy is None or names[role]:
-            return build_pilot(names[role], config, combat.scene, role)
+            return scripted_team(combat, names[role], role)
         # who is frozen flew its mean action in training, too
-        return policy_pilot(learn, policy, role, match.stochastic and run.frozen[role] is None)
+        drawn = match.stochastic and run.frozen[role] is None
+        return policy_team(config, learn, policy, role, drawn)
 
     def fly(defender: Policy | None, attacker: Policy | None, key: jax.Array) -> FightResult:
         start_key, fight_key = jax.random.split(key)
-        pilots = pilot(defender, DEFENDER), pilot(attacker, ATTACKER)
+        pilots = pilots_of(defender, DEFENDER), pilots_of(attacker, ATTACKER)
         return fight(combat, *pilots, start_fights(combat, start_key, fights), fight_key)
 
     return jax.device_get(jax.jit(fly)(*flown, jax.random.key(match.seed)))
@@ -139,7 +140,10 @@ def drawn_numbers(run: SavedRun, match: Match) -> dict[str, Any]:
     for name, value in asdict(run.config.randomise).items():
         if value:
             factors = np.asarray(getattr(start.craft.drawn, name), float).round(4)
-            numbers[name] = {role: factors[:, side].tolist() for side, role in enumerate(SIDES)}
+            numbers[name] = {
+                drone: factors[:, index].tolist()
+                for index, drone in enumerate(drone_names(run.config.game.sides))
+            }
     return {"drawn": numbers}
 
 
@@ -163,12 +167,21 @@ def summary(config: Config, result: FightResult) -> dict[str, Any]:
         "fights": fights,
         "win": {outcome.name.lower(): share(winners == outcome) for outcome in Outcome},
         "cause": {cause.name.lower(): share(result.cause == cause) for cause in ENDINGS},
-        "crash": {role: share(result.down[:, agent]) for agent, role in enumerate(SIDES)},
+        "crash": _crashes(config, result),
         "seconds": {
             "mean": float(seconds.mean()),
             **{f"p{q}": float(np.percentile(seconds, q)) for q in (5, 50, 95)},
         },
     }
+
+
+def _crashes(config: Config, result: FightResult) -> dict[str, Any]:
+    """Shares of each side's drones that crashed, and in a team those of each drone."""
+    sides, fights = config.game.sides, len(result.cause)
+    share = lambda down: with_interval(int(np.sum(down)), np.size(down))
+    shares = {role: share(result.down[:, team(sides, side)]) for side, role in enumerate(SIDES)}
+    each = dict(zip(drone_names(sides), np.reshape(result.down, (fights, -1)).T, strict=True))
+    return shares | {name: share(down) for name, down in each.items() if name not in shares}
 
 
 def evaluate(

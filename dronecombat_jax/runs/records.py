@@ -10,6 +10,7 @@ import numpy as np
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import LIVE, learns
+from dronecombat_jax.config.sides import DUEL, drone_names, team
 from dronecombat_jax.runs.progress import ProgressUpdate
 from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Cause, IterationMetrics, Outcome
 
@@ -58,7 +59,7 @@ def progress_update(
 ) -> ProgressUpdate:
     """What the progress line shows after a call, all its iterations and seeds together."""
     causes = report.causes.sum(axis=(0, 1))
-    crashes = report.crashes.sum(axis=(0, 1))
+    crashes = _by_side(config, report.crashes.sum(axis=(0, 1)))
     wins, episodes = _wins(config, causes), causes.sum()
     chunk = -(-iterations_done // config.train.chunk_iterations)
     return ProgressUpdate(
@@ -97,16 +98,36 @@ def _record(
         f"win/{outcome.name.lower()}": _share(wins[outcome], episodes) for outcome in Outcome
     }
     record |= met_by_row(config, report.met)
-    for agent, role in enumerate(SIDES):
-        record[f"crash/{role}"] = _share(report.crashes[agent], episodes)
-        terms = report.reward_terms._asdict().items()
-        record |= {f"reward/{role}/{name}": float(term[agent]) for name, term in terms}
-        record[f"return/{role}"] = _share(report.returns[agent], episodes)
+    terms = {name: _by_side(config, term) for name, term in report.reward_terms._asdict().items()}
+    crashes, returns = _by_side(config, report.crashes), _by_side(config, report.returns)
+    for side, role in enumerate(SIDES):
+        record[f"crash/{role}"] = _share(crashes[side], episodes)
+        record |= {f"reward/{role}/{name}": float(term[side]) for name, term in terms.items()}
+        record[f"return/{role}"] = _share(returns[side], episodes)
         learner = report.learners._asdict().items()
         record |= {
-            f"{name}/{role}": float(value[agent]) if learning[agent] else None
+            f"{name}/{role}": float(value[side]) if learning[side] else None
             for name, value in learner
         }
+    return record | _of_drones(config, report, episodes)
+
+
+def _by_side(config: Config, values: Any) -> tuple[Any, Any]:
+    """The mean of each side's drones, of `values` [A]."""
+    sides = config.game.sides
+    if sides == DUEL:
+        return values[DEFENDER], values[ATTACKER]
+    return values[team(sides, DEFENDER)].mean(), values[team(sides, ATTACKER)].mean()
+
+
+def _of_drones(config: Config, report: IterationMetrics, episodes: int) -> dict[str, float]:
+    """What each drone of a team did on its own; empty in a duel."""
+    sides = config.game.sides
+    record: dict[str, float] = {}
+    for drone, (name, side) in enumerate(zip(drone_names(sides), sides, strict=True)):
+        if sides.count(side) > 1:
+            record[f"crash/{name}"] = _share(report.crashes[drone], episodes)
+            record[f"return/{name}"] = _share(report.returns[drone], episodes)
     return record
 
 

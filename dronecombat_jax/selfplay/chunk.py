@@ -159,7 +159,13 @@ def advance_iteration(
     if state.selfplay is not None:
         learning &= jnp.arange(NUM_SIDES) != state.selfplay.frozen
     learners, updates = learn_from(
-        config.learn, state.learners, rollout, shuffle, learning, opponents.parts(config)
+        config.learn,
+        state.learners,
+        rollout,
+        shuffle,
+        learning,
+        opponents.parts(config),
+        config.game.sides,
     )
     flown, at_each_step = tally.follow(
         state.flown, rollout, opponents.codes(config, state.selfplay)
@@ -236,7 +242,7 @@ def summarize(
     defender has not crashed.
     """
     counted = tally.counted(flown, rollout)
-    down = rollout.down & jnp.asarray(game_of(config).flies)
+    down = rollout.down & ~game_of(config).absent(config.game.sides)
     causes = jnp.sum(
         jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * counted[..., None], axis=(0, 1)
     )
@@ -290,7 +296,7 @@ def _collect(
     whole = config.selfplay.scope == "chunk" or not chunk_rows(config)
     if state.selfplay is None or whole:
         return fly(policies)
-    live = players(config, state.learners, None)
+    live = opponents.of_drones(config, players(config, state.learners, None))
     return jax.lax.cond(state.selfplay.frozen == NOBODY, lambda: fly(live), lambda: fly(policies))
 
 

@@ -45,21 +45,22 @@ def parts(config: Config) -> tuple[slice, slice]:
 
 
 def seats(combat: Combat, learners: Learners, state: SelfPlay | None, cast: Cast) -> Policies:
-    """Who flies each side: its live or past policy, or a function where others sit there, too."""
-    config = combat.config
-    flying = players(config, learners, state)
+    """Who flies each drone: its side's live or past policy, or a function where others sit there,
+    too.
+    """
+    config, drones = combat.config, range(len(combat.config.game.sides))
+    flying = of_drones(config, players(config, learners, state))
     if not config.selfplay.opponents:
         return flying
     if chunk_rows(config):
         assert state is not None
-        defender, attacker = (
-            _seat_of_chunks(combat, side, flying[side], state, cast) for side in range(NUM_SIDES)
-        )
-    else:
-        defender, attacker = (
-            _seat_of_places(combat, side, learners, state, cast) for side in range(NUM_SIDES)
-        )
-    return defender, attacker
+        return tuple(_seat_of_chunks(combat, drone, flying[drone], state, cast) for drone in drones)
+    return tuple(_seat_of_places(combat, drone, learners, state, cast) for drone in drones)
+
+
+def of_drones(config: Config, policies: tuple[Policy, Policy]) -> Policies:
+    """The policies of both sides as those of the drones: team mates fly the same."""
+    return tuple(policies[side] for side in config.game.sides)
 
 
 def codes(config: Config, state: SelfPlay | None) -> jax.Array:
@@ -122,12 +123,12 @@ def _flown(config: Config, state: SelfPlay | None, row: Row | None) -> jax.Array
 
 
 def _seat_of_places(
-    combat: Combat, side: int, learners: Learners, state: SelfPlay | None, cast: Cast
+    combat: Combat, drone: int, learners: Learners, state: SelfPlay | None, cast: Cast
 ) -> Seat | Policy:
-    """Who flies `side` where rows have environments of their own: each row flies its own part of
+    """Who flies `drone` where rows have environments of their own: each row flies its own part of
     them.
     """
-    config = combat.config
+    config, side = combat.config, combat.config.game.sides[drone]
     live = algorithm_of(config.learn).policy(select(learners, side))
     taken = [place for place in places(config) if place.row is not None and place.row.side == side]
     if not taken:
@@ -135,7 +136,7 @@ def _seat_of_places(
     whole = live_part(config, side)
     flown = [Places(None, whole.start, whole.stop)] if whole.start < whole.stop else []
     sitting = [
-        (place, _sitting(combat, side, place, live, state, cast))
+        (place, _sitting(combat, drone, place, live, state, cast))
         for place in sorted([*taken, *flown], key=lambda place: place.first)
         if place.first < place.stop
     ]
@@ -152,29 +153,29 @@ def _seat_of_places(
 
 
 def _sitting(
-    combat: Combat, side: int, place: Places, live: Policy, state: SelfPlay | None, cast: Cast
+    combat: Combat, drone: int, place: Places, live: Policy, state: SelfPlay | None, cast: Cast
 ) -> Seat:
-    """Who flies `side` in the environments of one place."""
+    """Who flies `drone` in the environments of one place."""
     row = place.row
     if row is None:
-        return _drawn(combat.config, live, side)
+        return _drawn(combat.config, live, drone)
     if row.who == ALONE:  # it is absent, and its action has no effect
         return _steady(lambda env, seen, key: jnp.zeros((seen.shape[0], ACTION_SIZE)))
     if row.past:
         assert state is not None
-        pool = state.pools[side]
+        pool = state.pools[row.side]
         assert pool is not None
         slots = jnp.maximum(state.opponent[place.first : place.stop], 0)
-        return _drawn(combat.config, member(pool, slots), side)
-    return _steady(_fixed(combat, row, cast))
+        return _drawn(combat.config, member(pool, slots), drone)
+    return _steady(_fixed(combat, row, drone, cast))
 
 
 def _seat_of_chunks(
-    combat: Combat, side: int, flying: Policy | Seat, state: SelfPlay, cast: Cast
+    combat: Combat, drone: int, flying: Policy | Seat, state: SelfPlay, cast: Cast
 ) -> Policy | Seat:
-    """Who flies `side` where rows are drawn for chunks: its live or past policy, or a fixed row."""
+    """Who flies `drone` where rows are drawn for chunks: its live or past policy, or a fixed row."""
     assert isinstance(flying, Policy)
-    rows = chunk_rows(combat.config)
+    rows, side = chunk_rows(combat.config), combat.config.game.sides[drone]
     fixed = [row for row in rows if row.side == side and not row.past]
     if not fixed:
         return flying
@@ -182,23 +183,23 @@ def _seat_of_chunks(
     for number, row in enumerate(fixed, start=1):
         which = jnp.where(state.opponent[0] == FIXED - rows.index(row), number, which)
     choices = [
-        _drawn(combat.config, flying, side),
-        *(_steady(_fixed(combat, row, cast)) for row in fixed),
+        _drawn(combat.config, flying, drone),
+        *(_steady(_fixed(combat, row, drone, cast)) for row in fixed),
     ]
     return lambda env, seen, noise: jax.lax.switch(which, choices, env, seen, noise)
 
 
-def _fixed(combat: Combat, row: Row, cast: Cast) -> Pilot:
-    """The scripted pilot or the frozen policy of a row."""
+def _fixed(combat: Combat, row: Row, drone: int, cast: Cast) -> Pilot:
+    """The scripted pilot or the frozen policy of a row, flying `drone`."""
     if row.scripted:
-        return build_pilot(row.scripted, combat.config, combat.scene, row.side)
+        return build_pilot(row.scripted, combat.config, combat.scene, row.side, drone)
     policy, learn = cast[row.name], combat.config.learn
-    return lambda env, seen, key: policy_mean(learn, policy, seen[:, row.side])
+    return lambda env, seen, key: policy_mean(learn, policy, seen[:, drone])
 
 
-def _drawn(config: Config, policy: Policy, side: int) -> Seat:
+def _drawn(config: Config, policy: Policy, drone: int) -> Seat:
     """A policy that draws its actions."""
-    return lambda env, seen, noise: draw_action(config.learn, policy, seen[:, side], noise)
+    return lambda env, seen, noise: draw_action(config.learn, policy, seen[:, drone], noise)
 
 
 def _steady(pilot: Pilot) -> Seat:

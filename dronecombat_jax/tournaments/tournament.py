@@ -23,6 +23,7 @@ from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import digest_of, environment
 from dronecombat_jax.combat.rules import outcome_table
+from dronecombat_jax.config.sides import DUEL, spelt
 from dronecombat_jax.errors import EXIT_STOPPED, EXIT_TOURNAMENT
 from dronecombat_jax.files.atomic import cannot_write, sweep
 from dronecombat_jax.files.lock import exclusive_lock
@@ -94,7 +95,9 @@ def tournament(
         players = [[seat.player for seat in side] for side in field.seats]
         if not fly(folder.name, combat, players, rules, grid):
             return EXIT_STOPPED
-        if flights:
+        if flights and combat.config.game.sides != DUEL:
+            print(f"no fight is recorded: {spelt(combat.config.game.sides)} fly", flush=True)
+        elif flights:
             print(
                 f"recording {flights} fights of each run's two sides of one chunk ...", flush=True
             )

@@ -10,6 +10,7 @@ import numpy as np
 from dronecombat_jax.arena.match import policy_pilot, record, start_fights, trajectory
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.sides import DUEL, spelt
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files import metrics
 from dronecombat_jax.files.rundir import RunDirectory
@@ -37,6 +38,13 @@ def finish(config: Config) -> None:
     if config.run.figures:
         _draw_curves(run)
     evaluate(run.path, Match(), own_fights=config.run.evaluation_fights)
+    if config.game.sides != DUEL:
+        if config.run.video or config.run.replay:
+            print(
+                f"no picture and no replay: they show one drone a side, not {spelt(config.game.sides)}",
+                flush=True,
+            )
+        return
     if config.run.video:
         saved = load_run(run.path)
         fight = typical_fight(saved, 0)
@@ -78,8 +86,9 @@ def _is_finished(run: RunDirectory, config: Config) -> bool:
     """Whether the last checkpoint has been evaluated and filmed already."""
     wanted = [run.evaluation]
     wanted += [run.figures / "learning.png"] if config.run.figures else []
-    wanted += [run.video] if config.run.video else []
-    wanted += [run.replay] if config.run.replay else []
+    duel = config.game.sides == DUEL
+    wanted += [run.video] if config.run.video and duel else []
+    wanted += [run.replay] if config.run.replay and duel else []
     if not all(path.is_file() for path in wanted):
         return False
     steps = config.num_chunks * config.steps_per_chunk

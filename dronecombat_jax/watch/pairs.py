@@ -21,6 +21,7 @@ from dronecombat_jax.arena.players import Player, content_words
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import digest_of, environment
 from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.config.sides import require_duel
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.report.map_panels import Panel, pairs_of, panel_of, panel_steps
 from dronecombat_jax.report.pairs_page import PairsMap, pairs_data
@@ -56,6 +57,7 @@ def fights_page(
     if len(pairs) > MOST_PAIRS:
         raise UserError(f"{len(pairs)} pairs are too many for a page: at most {MOST_PAIRS}")
     say(f"flying a fight of each of {len(pairs)} pairs ...")
+    require_duel(field.config.game.sides, "the page of fights")
     combat = Combat(field.config)
     both = [(players[0][pair[0].identity], players[1][pair[1].identity]) for pair in pairs]
     flown = fly_pairs(combat, both, int(about["seed"]), bool(about["stochastic"]))

@@ -7,6 +7,7 @@ What does not live here: who is named (`flyers`), the page (`report.play_page`),
 from pathlib import Path
 
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import require_duel
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.report.play_data import (
     Data,
@@ -50,6 +51,7 @@ def play_data(opponents: Opponents, side: str = "") -> Data:
     UserError 2 for a game that the page cannot fly, or a side that has no opponent.
     """
     config = opponents.config
+    require_duel(config.game.sides, "the page to fly in")
     refuse_unknown_game(config)
     person = _person(opponents, side)
     opponent = opponents.flyers[1 - person]

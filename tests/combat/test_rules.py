@@ -91,7 +91,7 @@ def causes(game: GameConfig) -> list[str]:
         )
 
     paths = np.array([[path_of(s.defender), path_of(s.attacker)] for s in SCENARIOS], np.float32)
-    absent = GAMES[game.scenario].absent
+    absent = GAMES[game.scenario].absent()
     down = np.array([s.down for s in SCENARIOS]) | absent
     found = judged(
         paths[:, :, 0], paths[:, :, 1], down, np.array([s.clock for s in SCENARIOS], np.int32)

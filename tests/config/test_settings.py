@@ -24,6 +24,7 @@ def test_no_preset_is_the_defaults():
 
 def test_the_presets_that_come_with_the_package():
     wanted = {"smoke", "duel", "colab", "paper", "literal", "authors", "solo", "fast", "real"}
+    wanted |= {"2v1", "2v2", "3v3"}
     assert wanted <= settings.presets().keys()
 
 
@@ -69,7 +70,7 @@ def test_presets_of_a_wheel_come_before_those_of_a_folder_beside_it(tmp_path, mo
     ("preset", "message"),
     [
         ("duell", "did you mean duel?"),
-        ("zzz", "there are: authors, colab, "),
+        ("zzz", "there are: 2v1, 2v2, 3v3, authors, colab, "),
         ("none/such.toml", "none/such.toml: no such file"),
         ("such.toml", "such.toml: no such file"),
         ("", "must be a name or a file"),

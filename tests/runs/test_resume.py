@@ -40,8 +40,14 @@ METHODS = {
         learn=replace(CONFIG.learn, critic="central"),
         selfplay=SelfPlayConfig(probability=0.5),
     ),
+    "teams": replace(
+        CONFIG,
+        train=CHUNKS_OF_SIX,
+        game=replace(CONFIG.game, defenders=2),
+        selfplay=SelfPlayConfig(probability=0.5, roles="both"),
+    ),
 }
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ippo", "mappo")]
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ippo", "mappo", "teams")]
 
 
 @pytest.fixture(scope="module", params=["sippo", *SLOW])

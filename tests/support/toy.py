@@ -44,7 +44,7 @@ class Coasting(Combat):
             jnp.concatenate([action[:, 1:], action[:, 1:]], axis=1).at[:, 2].set(action[:, 0] - 0.5)
         )
         qvel = qvel + push.reshape(-1)
-        position = qpos.reshape(2, 7).at[:, :3].add(0.05 * qvel.reshape(2, 6)[:, :3])
+        position = qpos.reshape(-1, 7).at[:, :3].add(0.05 * qvel.reshape(-1, 6)[:, :3])
         return position.reshape(-1), qvel
 
 

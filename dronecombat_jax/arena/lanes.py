@@ -19,7 +19,7 @@ from dronecombat_jax.arena.match import advance, mate_key, no_result
 from dronecombat_jax.arena.players import Kind
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.observe import layout_of
-from dronecombat_jax.combat.scripted import PILOTS, Pilot, build_pilot, one_per_fight
+from dronecombat_jax.combat.scripted import PILOTS, PLANNERS, Pilot, build_pilot, one_per_fight
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.sides import team
@@ -164,8 +164,9 @@ def _pilot(combat: Combat, kind: Kind, side: Side, drone: Drone, keys: jax.Array
     policies = [] if side.policies is None else [_policies(kind, side.policies, side, drone, keys)]
     flown = [_seeing(combat, kind.observation, pilot) for pilot in policies]
     role = drone.role
+    names = [PLANNERS[role]] if kind.plans else PILOTS[role]
     pilots = (
-        [build_pilot(name, combat.config, combat.scene, role, drone.place) for name in PILOTS[role]]
+        [build_pilot(name, combat.config, combat.scene, role, drone.place) for name in names]
         if kind.scripted
         else []
     )

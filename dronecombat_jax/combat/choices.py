@@ -4,6 +4,7 @@ Laws of guidance with parameters, and tables of parameters to try. What does not
 them (`planner`).
 """
 
+import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -38,9 +39,9 @@ def slip(body: Airframe, now: Situation, told: jax.Array, elapsed: jax.Array) ->
     left = unit(jnp.stack([-way[:, 1], way[:, 0], jnp.zeros_like(way[:, 0])], axis=-1))
     off = jnp.cos(side) * left + jnp.sin(side) * jnp.cross(way, left)
     turned = lambda sign: jnp.cos(angle) * way + sign * jnp.sin(angle) * off
-    later = jnp.where(elapsed < first + second, turned(-1.0), way)
-    along = jnp.where(elapsed < first, turned(1.0), later)
-    return guidance.rush(body, now.velocity, along)
+    sign = jnp.where(elapsed < first, 1.0, -1.0)
+    along = jnp.where(elapsed < first + second, turned(sign), way)
+    return guidance.rush(body, now.velocity, jnp.asarray(along))
 
 
 def swing(body: Airframe, now: Situation, told: jax.Array, elapsed: jax.Array) -> jax.Array:
@@ -73,31 +74,21 @@ def plain(law: Guidance) -> Choices:
 
 
 def _slips() -> Choices:
-    sides, turns = (0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4, np.pi), []
-    turns += [
-        (angle, side, t, 0.0)
-        for angle in (0.6, 1.2, 1.6)
-        for side in sides
-        for t in (0.1, 0.25, 0.5)
+    """To five sides by three angles for three times, and some that change sides."""
+    sides = np.arange(5) * np.pi / 4
+    once = itertools.product((0.6, 1.2, 1.6), sides, (0.1, 0.25, 0.5), (0.0,))
+    changes = ((0.16, 0.16), (0.3, 0.2), (0.3, 0.4))
+    twice = [
+        (angle, side, *times) for angle in (0.8, 1.3) for side in (0.0, np.pi) for times in changes
     ]
-    turns += [
-        (angle, side, first, second)
-        for angle in (0.8, 1.3)
-        for side in (0.0, np.pi)
-        for first, second in ((0.16, 0.16), (0.3, 0.2), (0.3, 0.4))
-    ]
-    return Choices(slip, np.asarray(turns, np.float32))
+    return Choices(slip, np.asarray([*once, *twice], np.float32))
 
 
-def _swings() -> Choices:
-    swings = [
-        (speed, rate, phase, side)
-        for speed in (3.0, 5.0)
-        for rate in (4.0, 6.0)
-        for phase in np.arange(4) * np.pi / 2
-        for side in (0.0, np.pi / 2)
-    ]
-    return Choices(swing, np.asarray(swings, np.float32))
+def _swings(speeds: tuple[float, ...], phases: int) -> Choices:
+    """At two rates, to the side and up and down."""
+    starts = np.arange(phases) * 2.0 * np.pi / phases
+    swings = itertools.product(speeds, (4.0, 6.0), starts, (0.0, np.pi / 2))
+    return Choices(swing, np.asarray(list(swings), np.float32))
 
 
 def _rows(*numbers: float) -> NDArray[np.float32]:
@@ -113,7 +104,7 @@ OWN: dict[int, tuple[Choices, ...]] = {
         Choices(navigate, _rows(2.0, 3.0, 4.0, 6.0)),
         Choices(guard, _rows(0.3, 1.0, 2.0, 3.0)),
     ),
-    ATTACKER: (plain(guidance.dash), plain(guidance.high_dive), _slips(), _swings()),
+    ATTACKER: (plain(guidance.dash), plain(guidance.high_dive), _slips(), _swings((3.0, 5.0), 4)),
 }
 OTHER: dict[int, tuple[Choices, ...]] = {
     DEFENDER: (
@@ -121,6 +112,7 @@ OTHER: dict[int, tuple[Choices, ...]] = {
         plain(guidance.weave),
         plain(guidance.high_dive),
         Choices(slip, _ATTACKERS),
+        _swings((4.0,), 2),
     ),
     ATTACKER: (Choices(navigate, _rows(3.0)), Choices(guard, _rows(2.0))),
 }

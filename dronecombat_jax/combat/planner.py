@@ -81,13 +81,12 @@ def imagine(
     far = jnp.full(shape, 1e3)
     no = jnp.zeros(shape, bool)
 
-    def tick(carry: tuple, step: jax.Array) -> tuple[tuple, None]:
+    def tick(
+        carry: tuple[Body, Body, Ends], step: jax.Array
+    ) -> tuple[tuple[Body, Body, Ends], None]:
         mine, theirs, ends = carry
         elapsed = step * STEP
-        seen = lambda me, it: Situation(
-            me.position, me.velocity, me.up, it.position, it.velocity, it.up, now.target,
-            now.time + elapsed,
-        )  # fmt: skip
+        seen = lambda me, it: _seen(me, it, now.target, now.time + elapsed)
         by_model = jax.vmap(
             lambda me, it: _by_choice(bodies[0], own, seen(me, it), elapsed),
             in_axes=1,
@@ -107,20 +106,22 @@ def imagine(
 def _by_choice(
     body: Airframe, choices: tuple[Choices, ...], now: Situation, elapsed: jax.Array
 ) -> jax.Array:
-    """Thrust over mass [I, E, 3] that each choice asks for in its own situation [I, E, ...].
-
-    Target and time are the same for all choices.
-    """
+    """Thrust over mass [I, E, 3] that each choice asks for in its own situation [I, E, ...]."""
     forces, first = [], 0
     for law, parameters in choices:
-        part = slice(first, first := first + len(parameters))
-        axes = Situation(0, 0, 0, 0, 0, 0, None, None)  # pyright: ignore[reportArgumentType]
-        mine = Situation(
-            *(x if axis is None else x[part] for x, axis in zip(now, axes, strict=True))
-        )
+        last = first + len(parameters)
+        mine = Situation(*(field[first:last] for field in now))
         ask = lambda told, now, law=law: _force(body, now, law(body, now, told, elapsed))
-        forces.append(jax.vmap(ask, in_axes=(0, axes))(jnp.asarray(parameters), mine))
+        forces.append(jax.vmap(ask)(jnp.asarray(parameters), mine))
+        first = last
     return jnp.concatenate(forces)
+
+
+def _seen(me: Body, it: Body, target: jax.Array, time: jax.Array) -> Situation:
+    """The situations [I, E, ...] of one side; target and time are the same for all I."""
+    shape = me.position.shape
+    same = jnp.broadcast_to(target, shape), jnp.broadcast_to(time, shape[:-1])
+    return Situation(*me, *it, *same)
 
 
 def _wanted(

@@ -100,10 +100,8 @@ def _opponent(sides: Sides, drone: int, drones: Drones, down: jax.Array) -> Dron
 
 
 def _situation(own: Drones, other: Drones, target: jax.Array, time: jax.Array) -> Situation:
-    seen = [
-        part for it in (own, other) for part in (it.position, it.velocity, body_z(it.quaternion))
-    ]
-    return Situation(*seen, target, time)
+    seen = lambda it: (it.position, it.velocity, body_z(it.quaternion))
+    return Situation(*seen(own), *seen(other), target, time)
 
 
 PILOTS: dict[int, dict[str, Guidance]] = {

@@ -112,7 +112,7 @@ def encode(others: Encoder, x: jax.Array) -> jax.Array:
         units = elu(_affine(weight, bias, jnp.moveaxis(group[:, :-1], 1, 0)))  # [E, k, ...]
         count = jnp.maximum(jnp.sum(seen, axis=0), 1)
         counted = jnp.where(seen, units, 0.0)
-        parts.append(jnp.sum(counted, axis=1) / count)
+        parts.append(jnp.sum(jnp.asarray(counted), axis=1) / count)
         parts.append(jnp.any(seen, axis=0)[None].astype(x.dtype))
     return jnp.concatenate(parts)
 

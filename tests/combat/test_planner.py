@@ -34,8 +34,8 @@ def seen_by(role: int, state: EnvState) -> Situation:
     """The situation of one side in fights [E]."""
     drones = split(state.qpos, state.qvel)
     up = body_z(drones.quaternion)
-    sides = [x[:, s] for s in (role, 1 - role) for x in (drones.position, drones.velocity, up)]
-    return Situation(*sides, state.target, state.clock * 0.02)
+    of = lambda side: (drones.position[:, side], drones.velocity[:, side], up[:, side])
+    return Situation(*of(role), *of(1 - role), state.target, state.clock * 0.02)
 
 
 def bodies(arena: SimpleNamespace, role: int):
@@ -47,26 +47,22 @@ def test_the_model_flies_a_dash_as_long_as_mjx_does(arena: SimpleNamespace, fres
     """Past a defender that hovers: within a model step of what the exact flight takes."""
     combat = arena.combat
     pilots = [build_pilot(name, combat.config, combat.scene) for name in ("hover", "dash")]
-    flown = jax.jit(lambda start: fight(combat, *pilots, start, KEY))(fresh)
+    flown = jax.jit(lambda start: fight(combat, pilots[0], pilots[1], start, KEY))(fresh)
     assert (np.asarray(flown.cause) == Cause.REACHED).all()
-    ends = jax.jit(
-        lambda state: imagine(
-            ATTACKER, combat.config.game, *(bodies(arena, ATTACKER),), (plain(dash),),
-            (plain(hover),), seen_by(ATTACKER, state),
-        )
-    )(fresh)  # fmt: skip
+    game, both = combat.config.game, bodies(arena, ATTACKER)
+    ends = imagine(ATTACKER, game, both, (plain(dash),), (plain(hover),), seen_by(ATTACKER, fresh))
     assert ends.won.all() and ends.won.shape == (1, 1, 8) and not ends.lost.any()
     np.testing.assert_allclose(ends.when[0, 0] * STEP, flown.steps * 0.02, atol=0.06)
 
 
 def test_choices_differ_and_time_is_what_they_say(arena: SimpleNamespace, fresh: EnvState):
-    """A slip of 90 degrees for 0.4 s comes later than a dash, to the left as to the right."""
-    slips = np.float32([(0, 0, 0, 0), (np.pi / 2, 0, 0.4, 0), (np.pi / 2, np.pi, 0.4, 0)])
+    """A slip of 50 degrees for 0.2 s comes later than a dash, to the left as to the right."""
+    slips = np.float32([(0, 0, 0, 0), (0.9, 0, 0.2, 0), (0.9, np.pi, 0.2, 0)])
     own, now = (Choices(slip, slips),), seen_by(ATTACKER, fresh)
     game, both = arena.combat.config.game, bodies(arena, ATTACKER)
     ends = imagine(ATTACKER, game, both, own, (plain(hover),), now)
     straight, left, right = np.asarray(ends.when[:, 0])
-    assert ends.won.all() and (left > straight + 3).all() and (right > straight + 3).all()
+    assert ends.won.all() and (left > straight).all() and (right > straight).all()
     assert np.abs(left - right).max() <= 2
 
 
@@ -114,6 +110,6 @@ def test_planners_beat_the_best_of_the_other_side(role: int, other: str, arena: 
     names = (other, PLANNERS[role]) if role == ATTACKER else (PLANNERS[role], other)
     pilots = [build_pilot(name, combat.config, combat.scene) for name in names]
     start = jax.vmap(combat.reset)(jax.random.split(KEY, 8))
-    cause = jax.jit(lambda start: fight(combat, *pilots, start, KEY).cause)(start)
+    cause = jax.jit(lambda start: fight(combat, pilots[0], pilots[1], start, KEY).cause)(start)
     wins = Cause.REACHED if role == ATTACKER else Cause.INTERCEPT
     assert np.sum(np.asarray(cause) == wins) >= 6

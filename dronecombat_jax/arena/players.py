@@ -16,6 +16,7 @@ from dronecombat_jax.combat.scripted import PILOTS, PLANNERS
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.learn.memory import memory_size
 from dronecombat_jax.types import Policy
 
 
@@ -37,6 +38,7 @@ class Kind(NamedTuple):
     normalize: bool  # whether they see scaled observations
     scripted: bool  # scripted pilots fly among them
     observation: str = ""  # what the policies see, as in `Player`
+    memory: int = 0  # numbers that the policies remember of a fight
     others: int = 0  # units of their layer for slots of others (`types.Encoder`); 0: none
     plans: bool = False  # the side's planner flies, and nobody else
 
@@ -59,10 +61,10 @@ def alike(players: Sequence[Player]) -> list[list[int]]:
 def kind_of(players: Sequence[Player]) -> Kind:
     """What a program must be able to fly for players who are `alike`."""
     networks = {_network(player) for player in players}
-    nothing = ((), False, "", 0)
-    sizes, normalize, observation, others = next(filter(None, networks), nothing)
+    nothing = ((), False, "", 0, 0)
+    sizes, normalize, observation, memory, others = next(filter(None, networks), nothing)
     plans = any(map(_plans, players))
-    return Kind(sizes, normalize, None in networks, observation, others, plans)
+    return Kind(sizes, normalize, None in networks, observation, memory, others, plans)
 
 
 def stack(players: Sequence[Player]) -> Policy | None:
@@ -112,13 +114,13 @@ def _plans(player: Player) -> bool:
     return isinstance(player.pilot, str) and player.pilot in PLANNERS.values()
 
 
-def _network(player: Player) -> tuple[tuple[int, ...], bool, str, int] | None:
-    """Widths of its network, whether it normalises, what it sees, and units of its encoder of
-    others; None for a scripted pilot.
+def _network(player: Player) -> tuple[tuple[int, ...], bool, str, int, int] | None:
+    """Widths of its network, whether it normalises, what it sees, how much it remembers, and units
+    of its encoder of others; None for a scripted pilot.
     """
     if isinstance(player.pilot, str):
         return None
     network, size = player.pilot.network, player.pilot.observation_scaler.mean.shape[0]
     sizes = size, *(weight.shape[1] for weight in network.weights)
     others = 0 if network.others is None else network.others.biases.shape[-1]
-    return sizes, player.normalize, player.observation, others
+    return sizes, player.normalize, player.observation, memory_size(player.pilot), others

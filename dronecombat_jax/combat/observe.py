@@ -191,4 +191,6 @@ def whole_of(config: Config) -> Observation:
         seen = world.observe(drones, target)
         return jnp.concatenate([seen, jnp.eye(seen.shape[0])], axis=-1)
 
-    return Observation((*world.fields, ("identity", len(config.game.sides))), observe)
+    count = len(config.game.sides)
+    fields = (("poses", 7 * count), ("p_t", 3), ("twists", 6 * count), ("gravities", 3 * count))
+    return Observation((*fields, ("identity", count)), observe)

@@ -69,8 +69,8 @@ def observe_bearing(
 def nearest_fields(k: int) -> Fields:
     """The parts of `observe_nearest`: `OWN_FIELDS`, k slots of team mates, k of opponents."""
     slots = [f"{group}{slot}" for group in GROUPS for slot in range(1, k + 1)]
-    told = ((f"{name}_{slot}", length) for slot in slots for name, length in SLOT_FIELDS)
-    return (*OWN_FIELDS, *told)
+    parts = ((f"{name}_{slot}", length) for slot in slots for name, length in SLOT_FIELDS)
+    return (*OWN_FIELDS, *parts)
 
 
 def observe_nearest(

@@ -37,6 +37,8 @@ def init_parameters(
     not the observation.
     """
     policy_key, value_key = jax.random.split(key)
+    if learn.memory == "frames":
+        observation_size *= learn.frames
     seen = observation_size if critic_size is None else critic_size
     return Parameters(
         policy=_init_network(

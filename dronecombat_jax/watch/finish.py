@@ -7,8 +7,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from dronecombat_jax.arena.match import policy_pilot, record, start_fights, trajectory
-from dronecombat_jax.combat.scripted import Pilot, build_pilot
+from dronecombat_jax.arena.match import AnyPilot, policy_pilot, record, start_fights, trajectory
+from dronecombat_jax.combat.scripted import build_pilot
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.sides import DUEL, spelt
 from dronecombat_jax.errors import EXIT_DATA, UserError
@@ -119,7 +119,7 @@ def record_fights(
 
     who, combat = flown_by(run, seed_index), run.combat
 
-    def pilot(policy: Policy | None, role: int) -> Pilot:
+    def pilot(policy: Policy | None, role: int) -> AnyPilot:
         if policy is None:
             return build_pilot(str(who[role]), run.config, combat.scene, role)
         return policy_pilot(run.config.learn, policy, role)

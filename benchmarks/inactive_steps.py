@@ -44,7 +44,7 @@ def redrawn(run: SavedRun, rollout: Transition, key: jax.Array) -> Transition:
     steps, envs = rollout.clock.shape
     seen = rollout.observation.reshape(steps * envs, *rollout.observation.shape[2:])
     noise = jax.random.normal(key, (steps * envs, *rollout.action.shape[2:]))
-    action, log_prob = jax.jit(lambda both: act(run.config.learn, both, seen, noise))(
+    action, log_prob, _ = jax.jit(lambda both: act(run.config.learn, both, seen, noise))(
         policies(run, 0)
     )
     idle = rollout.idle.at[..., 1].set(False)

@@ -90,6 +90,8 @@ class EnvState(struct.PyTreeNode):
     craft: Craft | None = None  # None: ideal rigid bodies
     # [A] bool, the drone is down by a strike, not a crash; None in a duel, which a strike ends
     struck: jax.Array | None = None
+    # [A, M] what each drone's policy remembers of the fight (`learn.memory`); None: nothing
+    recall: jax.Array | None = None
 
     @property
     def crashed(self) -> jax.Array:
@@ -189,6 +191,7 @@ class Transition(NamedTuple):
     # [T, N, A, 37], before and after the step, what a central critic sees; None: no such critic
     whole: jax.Array | None = None
     final_whole: jax.Array | None = None
+    recall: jax.Array | None = None  # [T, N, A, M], what was remembered before the step
 
 
 class Batch(NamedTuple):
@@ -318,6 +321,8 @@ class Trajectory(NamedTuple):
     target: Any  # [3] m
     cause: int
     control_dt: float  # s
+    # by setting of `randomise`, [A] each: the drones' drawn numbers over the nominal ones
+    drawn: Any = None
     sides: tuple[int, ...] = (DEFENDER, ATTACKER)  # of each drone
     # [T, A] bool, as in `EnvState`; None in a duel
     down: Any = None

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 from dronecombat_jax.adapters.one_side import refuse_wrong_number
-from dronecombat_jax.arena.match import policy_pilot
+from dronecombat_jax.arena.match import Remembering, policy_pilot
 from dronecombat_jax.arena.players import Player
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
@@ -55,7 +55,7 @@ def _named(combat: Combat, role: int, word: str) -> list[Pilot]:
     for contender in flying:
         _refuse_other_game(combat, word, contender)
     return [
-        _pilot(combat, role, candidate.player)
+        _pilot(combat, role, word, candidate.player)
         for candidate in flying
         if candidate.player is not None
     ]
@@ -70,8 +70,13 @@ def _refuse_other_game(combat: Combat, word: str, contender: Contender) -> None:
         raise UserError(f"{one_line(word)} was trained in another game: {differences}", EXIT_DATA)
 
 
-def _pilot(combat: Combat, role: int, player: Player) -> Pilot:
+def _pilot(combat: Combat, role: int, word: str, player: Player) -> Pilot:
     if isinstance(player.pilot, str):
         return build_pilot(player.pilot, combat.config, combat.scene, role)
     learn = LearnConfig(normalize_observations=player.normalize)
-    return policy_pilot(learn, player.pilot, role)
+    pilot = policy_pilot(learn, player.pilot, role)
+    if isinstance(pilot, Remembering):
+        raise UserError(
+            f"{one_line(word)}: a policy with memory cannot be met in a view of one side: its fights keep nothing for it"
+        )
+    return pilot

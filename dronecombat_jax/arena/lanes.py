@@ -15,15 +15,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dronecombat_jax.arena.match import advance, mate_key, no_result
+from dronecombat_jax.arena.match import (
+    AnyPilot,
+    Remembered,
+    advance,
+    as_pilot,
+    mate_key,
+    no_result,
+)
 from dronecombat_jax.arena.players import Kind
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.observe import layout_of
-from dronecombat_jax.combat.scripted import PILOTS, Pilot, build_pilot, one_per_fight
+from dronecombat_jax.combat.scripted import PILOTS, PLANNERS, build_pilot, one_per_fight
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.sides import team
-from dronecombat_jax.learn.rollout import policy_mean
+from dronecombat_jax.learn.memory import with_recall
+from dronecombat_jax.learn.rollout import policy_step, recalled
 from dronecombat_jax.types import (
     ACTION_SIZE,
     ATTACKER,
@@ -87,6 +95,7 @@ class Lanes(NamedTuple):
     result: FightResult  # leaves [L, ...]; a lane whose fight has a cause stands still
 
 
+Act = Callable[[EnvState, jax.Array, jax.Array], Remembered]
 Fly = Callable[[Lanes, Orders, tuple[Side, Side]], Lanes]
 
 
@@ -97,7 +106,8 @@ def build_fly(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout, stochast
 
     def fly(lanes: Lanes, orders: Orders, sides: tuple[Side, Side]) -> Lanes:
         pick = lambda new, old: jnp.where(orders.begin.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-        lanes = jax.tree.map(pick, Lanes(orders.start, no_result(orders.start)), lanes)
+        start = with_recall(orders.start, _memory(kinds))
+        lanes = jax.tree.map(pick, Lanes(start, no_result(start)), lanes)
         keys = (
             jax.vmap(partial(fight_key, orders.seed))(orders.words, orders.episode)
             if stochastic
@@ -119,9 +129,10 @@ def build_fly(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout, stochast
     return fly
 
 
-def idle_lanes(combat: Combat, layout: Layout) -> Lanes:
+def idle_lanes(combat: Combat, kinds: tuple[Kind, Kind], layout: Layout) -> Lanes:
     """A batch in which nobody has begun to fight; NumPy leaves."""
-    fight = jax.eval_shape(combat.reset, jax.random.key(0))
+    begin = lambda key: with_recall(combat.reset(key), _memory(kinds))
+    fight = jax.eval_shape(begin, jax.random.key(0))
     state = jax.tree.map(lambda leaf: np.zeros((layout.lanes, *leaf.shape), leaf.dtype), fight)
     result = jax.tree.map(
         lambda leaf: np.zeros(leaf.shape, leaf.dtype), jax.eval_shape(no_result, state)
@@ -151,7 +162,14 @@ def fight_key(seed: jax.Array, words: jax.Array, episode: jax.Array) -> jax.Arra
     return key
 
 
-def _team(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None) -> list[Pilot]:
+def _memory(kinds: tuple[Kind, Kind]) -> int:
+    """Numbers that a lane keeps of its fight for each drone."""
+    return max(kind.memory for kind in kinds)
+
+
+def _team(
+    combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None
+) -> list[AnyPilot]:
     """The pilots of a side's drones: all fly the lane's policy or scripted pilot."""
     mates = range(*team(combat.config.game.sides, role).indices(len(combat.config.game.sides)))
     return [
@@ -160,40 +178,43 @@ def _team(combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | N
     ]
 
 
-def _pilot(combat: Combat, kind: Kind, side: Side, drone: Drone, keys: jax.Array | None) -> Pilot:
-    policies = [] if side.policies is None else [_policies(kind, side.policies, side, drone, keys)]
-    flown = [_seeing(combat, kind.observation, pilot) for pilot in policies]
+def _pilot(
+    combat: Combat, kind: Kind, side: Side, drone: Drone, keys: jax.Array | None
+) -> AnyPilot:
+    policies = None
+    if side.policies is not None:
+        policies = _policies(kind, side.policies, side, drone, keys)
+        policies = _seeing(combat, kind.observation, policies)
     role = drone.role
+    names = [PLANNERS[role]] if kind.plans else PILOTS[role]
     pilots = (
-        [build_pilot(name, combat.config, combat.scene, role, drone.place) for name in PILOTS[role]]
+        [build_pilot(name, combat.config, combat.scene, role, drone.place) for name in names]
         if kind.scripted
         else []
     )
     scripted = side.pilot >= 0
 
-    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
-        actions = [pilot(state, observation, key) for pilot in flown]
-        if not pilots:
-            return actions[0]
+    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> Remembered:
         follow = lambda: one_per_fight(pilots, jnp.maximum(side.pilot, 0))(state, observation, key)
-        if not actions:
-            return follow()
-        other: jax.Array = jax.lax.cond(
-            jnp.any(scripted), follow, lambda: jnp.zeros_like(actions[0])
-        )
-        return jnp.where(scripted[:, None], other, actions[0])
+        if policies is None:
+            return follow(), recalled(state, drone.place)
+        action, recall = policies(state, observation, key)
+        if not pilots:
+            return action, recall
+        other: jax.Array = jax.lax.cond(jnp.any(scripted), follow, lambda: jnp.zeros_like(action))
+        return jnp.where(scripted[:, None], other, action), recall
 
-    return act
+    return as_pilot(act, kind.memory)
 
 
-def _seeing(combat: Combat, observation: str, pilot: Pilot) -> Pilot:
+def _seeing(combat: Combat, observation: str, pilot: Act) -> Act:
     """The pilot, shown the layout `observation` in place of the game's own; "": the game's own."""
     if not observation:
         return pilot
     layout = layout_of(observation, combat.config.game)
     look = jax.vmap(lambda state: see(combat.config, layout, state))
 
-    def act(state: EnvState, _: jax.Array, key: jax.Array) -> jax.Array:
+    def act(state: EnvState, _: jax.Array, key: jax.Array) -> Remembered:
         return pilot(state, look(state), key)
 
     return act
@@ -201,19 +222,21 @@ def _seeing(combat: Combat, observation: str, pilot: Pilot) -> Pilot:
 
 def _policies(
     kind: Kind, policies: Policy, side: Side, drone: Drone, keys: jax.Array | None
-) -> Pilot:
+) -> Act:
     """Every lane's policy, flown block by block; `keys` [L] make the random actions."""
     learn = LearnConfig(normalize_observations=kind.normalize)
 
-    def act(state: EnvState, observation: jax.Array, _: jax.Array) -> jax.Array:
+    def act(state: EnvState, observation: jax.Array, _: jax.Array) -> Remembered:
         seen = observation[side.rows, drone.place]
-        mean = jax.vmap(partial(policy_mean, learn))(policies, seen).reshape(-1, ACTION_SIZE)[
-            side.seat
-        ]
+        before = jax.tree.map(lambda leaf: leaf[side.rows], recalled(state, drone.place))
+        flying = jax.vmap(partial(policy_step, learn))(policies, seen, before)
+        # [blocks, block, ...] -> [L, ...]
+        of_lanes = lambda leaf: leaf.reshape(-1, leaf.shape[-1])[side.seat]
+        mean, recall = jax.tree.map(of_lanes, flying)
         if keys is None:
-            return mean
+            return mean, recall
         spread = jnp.repeat(jnp.exp(policies.log_std), side.rows.shape[1], axis=0)[side.seat]
-        return mean + spread * jax.vmap(partial(_noise, drone))(keys, state.clock)
+        return mean + spread * jax.vmap(partial(_noise, drone))(keys, state.clock), recall
 
     return act
 

@@ -2,10 +2,13 @@
 
 A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]` that
 flies one drone; trained policies and scripted pilots are the same to a match. A side of several
-drones is flown by as many pilots, in their order. Many policies against many: `tournament`.
+drones is flown by as many pilots, in their order. One that remembers its fight is `Remembering`.
+Many policies against many: `tournament`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +17,8 @@ import numpy as np
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config.fields import Config, LearnConfig
-from dronecombat_jax.learn.rollout import policy_mean
+from dronecombat_jax.learn.memory import memory_size, with_recall
+from dronecombat_jax.learn.rollout import policy_step, recalled
 from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
@@ -26,28 +30,64 @@ from dronecombat_jax.types import (
     Trajectory,
 )
 
-Team = Pilot | Sequence[Pilot]  # of one side, a pilot for each of its drones
+Remembered = tuple[jax.Array, jax.Array | None]  # actions [E, 4], what is remembered [E, M]
 
 
-def policy_pilot(learn: LearnConfig, policy: Policy, drone: int, stochastic: bool = False) -> Pilot:
+@dataclass(frozen=True)
+class Remembering:
+    """A pilot that remembers its fight: what it returns besides its action, at least `size`
+    numbers [E, M], is in the fights' `recall` when it is asked again.
+    """
+
+    size: int
+    act: Callable[[EnvState, jax.Array, jax.Array], Remembered]
+
+
+AnyPilot = Pilot | Remembering
+Team = AnyPilot | Sequence[AnyPilot]  # of one side, a pilot for each of its drones
+
+
+def policy_pilot(
+    learn: LearnConfig, policy: Policy, drone: int, stochastic: bool = False
+) -> AnyPilot:
     """Fly `policy` as `drone`, which in a duel is the role: its mean action or, `stochastic`, a
     random action.
 
     Its log-std is taken as it is: `policies.file.as_flown` puts it into its bounds.
     """
 
-    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
-        mean = policy_mean(learn, policy, observation[:, drone])
-        if not stochastic:
-            return mean
-        return mean + jnp.exp(policy.log_std) * jax.random.normal(key, mean.shape)
+    size = memory_size(policy)
 
-    return act
+    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> Remembered:
+        before = recalled(state, drone) if size else None
+        mean, recall = policy_step(learn, policy, observation[:, drone], before)
+        if not stochastic:
+            return mean, recall
+        return mean + jnp.exp(policy.log_std) * jax.random.normal(key, mean.shape), recall
+
+    return as_pilot(act, size)
+
+
+def as_pilot(act: Callable[..., Remembered], size: int) -> AnyPilot:
+    """`act` as a pilot that remembers `size` numbers: 0, and it is a plain one."""
+    return Remembering(size, act) if size else lambda *given: act(*given)[0]
+
+
+def mates(team: Team) -> Sequence[AnyPilot]:
+    """The pilots of a team, one for each of its drones."""
+    return [team] if isinstance(team, Remembering) or callable(team) else team
+
+
+def ready(start: EnvState, *teams: Team) -> EnvState:
+    """Fights about to start [E, ...], with room for what their pilots will remember."""
+    pilots = [pilot for team in teams for pilot in mates(team)]
+    sizes = [pilot.size for pilot in pilots if isinstance(pilot, Remembering)]
+    return with_recall(start, max(sizes, default=0))
 
 
 def policy_team(
     config: Config, learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False
-) -> Sequence[Pilot]:
+) -> Sequence[AnyPilot]:
     """`policy` at the controls of every drone of the side `role`."""
     return [
         policy_pilot(learn, policy, drone, stochastic)
@@ -87,7 +127,8 @@ def fight(
         )
         return state, result, step + 1
 
-    carry = (start, no_result(start), jnp.zeros((), jnp.int32))
+    begun = ready(start, defender, attacker)
+    carry = (begun, no_result(start), jnp.zeros((), jnp.int32))
     return jax.lax.while_loop(running, step_on, carry)[1]
 
 
@@ -105,7 +146,8 @@ def record(
         return (state, result), (state.qpos, state.qvel, jnp.clip(action, -1.0, 1.0), *fallen)
 
     steps = jnp.arange(combat.config.game.episode_steps)
-    (_, result), kept = jax.lax.scan(step_on, (start, no_result(start)), steps)
+    carry = ready(start, defender, attacker), no_result(start)
+    (_, result), kept = jax.lax.scan(step_on, carry, steps)
     qpos, qvel, action, down, struck = kept
     return FightRecord(qpos, qvel, action, start, result, down, struck)
 
@@ -126,19 +168,30 @@ def advance(
     """
     observation = jax.vmap(combat.observe)(state)
     keys = jax.random.split(key)
-    action = jnp.stack(
-        [
-            pilot(state, observation, mate_key(keys[role], number))
-            for role, side in ((DEFENDER, defender), (ATTACKER, attacker))
-            for number, pilot in enumerate([side] if callable(side) else side)
-        ],
-        axis=1,
-    )
+    pilots = [
+        (pilot, mate_key(keys[role], number))
+        for role, side in ((DEFENDER, defender), (ATTACKER, attacker))
+        for number, pilot in enumerate(mates(side))
+    ]
+    acts = [
+        _act(pilot, drone, state, observation, key) for drone, (pilot, key) in enumerate(pilots)
+    ]
+    action, recall = jax.tree.map(lambda *leaves: jnp.stack(leaves, axis=1), *acts)
     after, output = jax.vmap(combat.step)(state, action)
+    after = after.replace(recall=recall)
     on = result.cause == Cause.NONE
     keep = lambda new, old: jnp.where(on.reshape(-1, *[1] * (new.ndim - 1)), new, old)
     now = FightResult(output.cause, result.steps + 1, after.crashed & ~combat.absent)
     return jax.tree.map(keep, after, state), jax.tree.map(keep, now, result), action
+
+
+def _act(
+    pilot: AnyPilot, drone: int, state: EnvState, observation: jax.Array, key: jax.Array
+) -> Remembered:
+    """What a pilot does with its drone, and what is remembered after it."""
+    if isinstance(pilot, Remembering):
+        return pilot.act(state, observation, key)
+    return pilot(state, observation, key), recalled(state, drone)
 
 
 def mate_key(key: jax.Array, number: int) -> jax.Array:
@@ -172,4 +225,15 @@ def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
         sides=combat.sides,
         down=first(fights.start.down, fights.down) if team else None,
         struck=first(fights.start.struck, fights.struck) if team else None,
+        drawn=drawn_numbers(combat.config, fights.start, index),
     )
+
+
+def drawn_numbers(config: Config, start: EnvState, index: int | slice) -> dict[str, Any]:
+    """What was drawn for the drones of a fight, or of those of a slice, by setting of `randomise`:
+    numbers over the nominal ones [..., A]; empty where nothing was.
+    """
+    if start.craft is None or start.craft.drawn is None:
+        return {}
+    drawn, varied = start.craft.drawn, asdict(config.randomise).items()
+    return {name: np.asarray(getattr(drawn, name), float)[index] for name, share in varied if share}

@@ -100,7 +100,7 @@ class Rectangle:
             donate_argnums=0,
         )
         idle, needed = (
-            idle_lanes(self._combat, self._layout),
+            idle_lanes(self._combat, self._kinds, self._layout),
             -(-self._fights // self._layout.lanes),
         )
         nobody = np.zeros(self._layout.lanes, bool)

@@ -9,6 +9,7 @@ from dronecombat_jax.cli.start import prepare
 from dronecombat_jax.cli.words import split_words
 from dronecombat_jax.config import flags
 from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.starts import STARTS
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,7 @@ class ReplayFlags:
     stochastic: bool = setting(
         False, "draw the actions, as in training, instead of taking their mean"
     )
-    spawn: Literal["as_trained", "fixed", "uniform"] = setting(
-        "as_trained", "where the fights start"
-    )
+    spawn: Literal["as_trained", "fixed", "uniform", "even"] = setting("as_trained", STARTS)
     allow_env_mismatch: bool = setting(
         False, "let policies of another game fly in that of the first"
     )

@@ -8,6 +8,7 @@ from typing import Literal
 from dronecombat_jax.cli.start import prepare
 from dronecombat_jax.config import flags
 from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.starts import STARTS
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.files.rundir import find_run
 
@@ -38,9 +39,7 @@ class EvaluateFlags:
         "", "a scripted pilot in the defender's place, such as hover or hover_guard"
     )
     attacker: str = setting("", "a scripted pilot in the attacker's place, such as dash or weave")
-    spawn: Literal["as_trained", "fixed", "uniform"] = setting(
-        "as_trained", "where the fights start"
-    )
+    spawn: Literal["as_trained", "fixed", "uniform", "even"] = setting("as_trained", STARTS)
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
 
 

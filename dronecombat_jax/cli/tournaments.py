@@ -10,6 +10,7 @@ from dronecombat_jax.cli.start import prepare, rate_on_one_core
 from dronecombat_jax.cli.words import split_words
 from dronecombat_jax.config import flags
 from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.starts import STARTS
 from dronecombat_jax.errors import UserError
 
 
@@ -36,6 +37,7 @@ class TournamentFlags:
     stochastic: bool = setting(
         False, "draw the actions, as in training, instead of taking their mean"
     )
+    spawn: Literal["as_trained", "fixed", "uniform", "even"] = setting("as_trained", STARTS)
     flights: int = setting(
         0, "fights to record of each run's two sides of one chunk: how they fly", low=0, high=10**4
     )
@@ -87,6 +89,7 @@ class CompareFlags:
     )
     episodes: int = setting(50, "fights of each pair", low=1, high=10**5)
     seed: int = setting(0, "seed of the start states", low=0, high=2**31 - 1)
+    spawn: Literal["as_trained", "fixed", "uniform", "even"] = setting("as_trained", STARTS)
     stochastic: bool = setting(
         False, "draw the actions, as in training, instead of taking their mean"
     )
@@ -119,6 +122,7 @@ def tournament(args: Sequence[str]) -> int:
         every=given.every,
         untrained=given.untrained,
         flights=given.flights,
+        spawn=given.spawn,
         mjcf=given.mjcf,
         skip_bad=given.skip_bad,
         allow_mismatch=given.allow_env_mismatch,
@@ -155,6 +159,7 @@ def compare(args: Sequence[str]) -> int:
         by=given.by,
         name=given.tournament,
         every=given.every,
+        spawn=given.spawn,
         skip_bad=given.skip_bad,
         allow_mismatch=given.allow_env_mismatch,
     )

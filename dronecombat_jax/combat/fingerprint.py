@@ -29,6 +29,7 @@ _LATER = {
     "game.striker_down": False,
     "game.spawn_spread": 0.0,
     "game.defender_spread": 0.0,
+    "game.defender_setback": 0.0,
     "game.nearest_k": 2,
     "sim.actuation": "wrench",
     "sim.drag": False,

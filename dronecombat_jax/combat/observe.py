@@ -34,7 +34,9 @@ from dronecombat_jax.combat.team_views import (
 )
 from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.config.own import chosen
-from dronecombat_jax.config.sides import DUEL
+from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import DUEL, spelt
+from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim.rotation import conjugate, multiply, rotate, rotate_inverse
 from dronecombat_jax.types import Drones
 
@@ -180,6 +182,20 @@ def layout_of(name: str, game: GameConfig) -> Observation:
     return entry if isinstance(entry, Observation) else entry(game)
 
 
+def refuse_other_shape(config: Config, observation: Observation) -> None:
+    """Raise UserError where an observation of one's own does not fit a game of teams."""
+    name, sides = config.game.observation, config.game.sides
+    if sides == DUEL or name in OBSERVATIONS:
+        return
+    drones = Drones(*(jnp.zeros((len(sides), width)) for width in (3, 4, 3, 3)))
+    given = jax.eval_shape(observation.observe, drones, jnp.zeros(3)).shape
+    if given != (wanted := (len(sides), observation.size)):
+        raise UserError(
+            f"game.observation = {one_line(name)} gives {list(given)} numbers for {spelt(sides)} "
+            f"drones, not {list(wanted)}: a function of the game's settings can make one that fits"
+        )
+
+
 def whole_of(config: Config) -> Observation:
     """What a central critic sees: `world`, whatever the policies observe, and who is observing.
 
@@ -191,4 +207,6 @@ def whole_of(config: Config) -> Observation:
         seen = world.observe(drones, target)
         return jnp.concatenate([seen, jnp.eye(seen.shape[0])], axis=-1)
 
-    return Observation((*world.fields, ("identity", len(config.game.sides))), observe)
+    count = len(config.game.sides)
+    fields = (("poses", 7 * count), ("p_t", 3), ("twists", 6 * count), ("gravities", 3 * count))
+    return Observation((*fields, ("identity", count)), observe)

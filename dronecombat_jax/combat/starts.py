@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from dronecombat_jax.config.fields import GameConfig
 from dronecombat_jax.config.sides import DUEL, team
 
-# Start positions of defender, attacker and target in m; the altitudes are drawn.
+# Start positions of defender, attacker and target in m (`places`); the altitudes are drawn.
 START = ((0.0, 5.0), (0.0, 0.0), (5.0, 5.0))
 TARGET = 2  # its row
 ARENA_HALF_WIDTH = 5.0
@@ -48,12 +48,18 @@ def apart(x: jax.Array, spacing: float) -> jax.Array:
     return jnp.zeros_like(x).at[order].set(jax.lax.cummax(x[order] - steps) + steps)
 
 
+def places(game: GameConfig) -> tuple[tuple[float, float], ...]:
+    """Where defenders, attackers and target start, (x, y) in m, before anything is drawn."""
+    (x, y), *others = START
+    return (x - game.defender_setback, y), *others
+
+
 def _rows(game: GameConfig) -> list[tuple[float, float]]:
     """[A + 1, 2] m: team mates in a row along x about the side's start, then the target."""
     rows = []
     for drone, side in enumerate(game.sides):
         mates = team(game.sides, side)
         middle = (mates.start + mates.stop - 1) / 2.0
-        x, y = START[side]
+        x, y = places(game)[side]
         rows.append((x + game.team_spacing * (drone - middle), y))
     return [*rows, START[TARGET]]

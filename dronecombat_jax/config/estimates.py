@@ -30,13 +30,14 @@ def estimated_bytes(config: Config) -> int:
     learners, pool.
 
     Floats of four bytes. A transition of an agent holds two observations (the final one is kept),
-    an action and ten scalars, for a central critic two whole states, too, and exists twice while a
-    mini-batch is cut from it. A mini-batch holds three activations per hidden unit in each of two
-    networks. A learner holds weights and Adam's two moments.
+    an action and ten scalars, for a central critic two whole states, too, with memory twice what is
+    remembered, and exists twice while a mini-batch is cut from it. A mini-batch holds three
+    activations per hidden unit in each of two networks. A learner holds weights and Adam's two
+    moments.
     """
     learn, train = config.learn, config.train
     transitions = train.num_envs * learn.rollout_steps
-    drones, seen = len(config.game.sides), observation_floats(config)
+    drones, seen = len(config.game.sides), observation_floats(config) + _recall(config)
     if learn.critic == "central":
         seen += DRONE_SIZE * drones + TARGET_SIZE + drones  # who observes
     rollout = 2 * transitions * drones * (2 * seen + ACTION_SIZE + 10)
@@ -118,9 +119,15 @@ def bytes_in_words(count: int) -> str:
     return f"{count / 2**30:.3g} GiB" if count < 2**40 else f"{count / 2**30:,.0f} GiB"
 
 
+def _recall(config: Config) -> int:
+    """Numbers that a policy remembers of its fight."""
+    learn = config.learn
+    return observation_floats(config) * (learn.frames - 1) if learn.memory == "frames" else 0
+
+
 def _network_floats(config: Config) -> tuple[int, int]:
     """How many floats one agent's policy (with its log-std) and its value function have."""
-    sizes = (observation_floats(config), *config.learn.hidden_sizes)
+    sizes = (observation_floats(config) + _recall(config), *config.learn.hidden_sizes)
     trunk = sum((rows + 1) * columns for rows, columns in pairwise(sizes))
     return trunk + (sizes[-1] + 2) * ACTION_SIZE, trunk + sizes[-1] + 1
 

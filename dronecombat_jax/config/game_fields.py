@@ -182,6 +182,13 @@ class GameConfig:
         low=0.0,
         high=5.0,
     )
+    defender_setback: float = setting(
+        0.0,
+        "fixed starts: how much farther from the target the defender starts, along -x",
+        unit="m",
+        low=0.0,
+        high=20.0,
+    )
     spawn_altitude_low: float = setting(0.5, "lowest start altitude", unit="m", low=0.0, high=100.0)
     spawn_altitude_high: float = setting(
         1.5, "highest start altitude", unit="m", low=0.0, high=100.0

@@ -12,7 +12,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from dronecombat_jax.config import body_file, network_rules, opponent_rules
+from dronecombat_jax.config import flight_rules, network_rules, opponent_rules
 from dronecombat_jax.config.devices import uneven_devices
 from dronecombat_jax.config.estimates import (
     bytes_in_words,
@@ -25,7 +25,6 @@ from dronecombat_jax.config.estimates import (
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.problem import Problem
 from dronecombat_jax.config.sides import DUEL, spelt
-from dronecombat_jax.errors import UserError
 
 NO_WANDB = "it needs the wandb package. Fix: pip install 'dronecombat-jax[wandb]'"
 _NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{0,100}")
@@ -37,7 +36,7 @@ def problems(config: Config) -> list[Problem]:
         plain = replace(config, selfplay=replace(config.selfplay, opponents=""))
         return misspelt + problems(plain)
     return [
-        *_flight(config),
+        *flight_rules.broken(config),
         *_game(config),
         *_learning(config),
         *network_rules.broken(config),
@@ -101,82 +100,6 @@ def disk_problems(config: Config) -> list[Problem]:
     ]
 
 
-def body_problems(config: Config) -> list[Problem]:
-    """One problem for each mistake in the file that `sim.body` names."""
-    if not body_file.is_file(config.sim.body):
-        return []
-    try:
-        body_file.read_body(config.sim.body)
-    except UserError as error:
-        return [Problem(("sim.body",), line) for line in error.message.splitlines()]
-    return []
-
-
-def _flight(config: Config) -> Iterator[Problem]:
-    own = body_file.is_file(config.sim.body)
-    if config.sim.mjcf and config.sim.body != "isaac" and not own:
-        yield Problem(
-            ("sim.body", "sim.mjcf"),
-            f"sim.body = {config.sim.body} is a mass and inertia for the package's drone; "
-            "with sim.mjcf both come out of the file: leave sim.body out, or name a TOML of its rotors",
-        )
-    yield from _actuation(config)
-
-
-def _actuation(config: Config) -> Iterator[Problem]:
-    sim, ideal = config.sim, config.sim.actuation == "wrench"
-    if ideal and sim.battery:
-        yield Problem(
-            ("sim.battery", "sim.actuation"),
-            f"sim.battery = {sim.battery:g} needs rotors: sim.actuation must be rotors, mixed or ctbr",
-        )
-    if sim.battery and sim.body == "racer":
-        yield Problem(
-            ("sim.battery", "sim.body"),
-            f"sim.battery = {sim.battery:g}: no battery is known for sim.body = racer; it must be 0",
-        )
-    yield from _air_and_sensors(config)
-
-
-def _air_and_sensors(config: Config) -> Iterator[Problem]:
-    sim, sensor = config.sim, config.sensor
-    if sensor.bias and not any(
-        (
-            sensor.position_noise,
-            sensor.attitude_noise,
-            sensor.velocity_noise,
-            sensor.rate_noise,
-        )
-    ):
-        yield Problem(
-            ("sensor.bias", "sensor.position_noise"),
-            f"sensor.bias = {sensor.bias:g} is a multiple of the noise: one of sensor.position_noise, "
-            "attitude_noise, velocity_noise and rate_noise must be above 0",
-        )
-    if sim.gust_speed and not (sim.drag or sim.mjcf):
-        yield Problem(
-            ("sim.gust_speed", "sim.drag"),
-            f"sim.gust_speed = {sim.gust_speed:g} pushes by drag: sim.drag must be true",
-        )
-    yield from _nothing_to_vary(config)
-
-
-def _nothing_to_vary(config: Config) -> Iterator[Problem]:
-    """A setting that varies a number needs a simulation in which that number has an effect."""
-    sim = config.sim
-    ideal = sim.actuation == "wrench"
-    absent = {"lag": ideal, "drag": not sim.drag, "battery": not sim.battery}
-    for name in (name for name, missing in absent.items() if missing):
-        needed = "sim.actuation other than wrench" if name == "lag" else f"sim.{name}"
-        for section, neutral in (("randomise", 0.0), ("defender", 1.0), ("attacker", 1.0)):
-            value = getattr(getattr(config, section), name)
-            if value != neutral:
-                yield Problem(
-                    (f"{section}.{name}", f"sim.{'actuation' if name == 'lag' else name}"),
-                    f"{section}.{name} = {value:g} needs {needed}, or there is nothing to vary",
-                )
-
-
 def _game(config: Config) -> Iterator[Problem]:
     game = config.game
     low, high, crash = game.spawn_altitude_low, game.spawn_altitude_high, game.crash_altitude
@@ -185,11 +108,11 @@ def _game(config: Config) -> Iterator[Problem]:
             ("game.spawn_altitude_low", "game.spawn_altitude_high"),
             f"game.spawn_altitude_low = {low:g} must not exceed game.spawn_altitude_high = {high:g}",
         )
-    for name in ("spawn_spread", "defender_spread"):
-        if game.spawn == "uniform" and (spread := getattr(game, name)):
+    for name in ("spawn_spread", "defender_spread", "defender_setback"):
+        if game.spawn == "uniform" and (value := getattr(game, name)):
             yield Problem(
                 ("game.spawn", f"game.{name}"),
-                f"game.{name} = {spread:g} widens fixed starts; with game.spawn = uniform it must be 0",
+                f"game.{name} = {value:g} is of fixed starts; with game.spawn = uniform it must be 0",
             )
     if game.crash_rule == "grounded" and game.sides != DUEL:
         yield Problem(
@@ -227,6 +150,16 @@ def _learning(config: Config) -> Iterator[Problem]:
         yield Problem(
             ("learn.critic", "learn.algorithm"),
             f"learn.critic = central needs learn.algorithm = ppo: what {learn.algorithm} sees is its own business",
+        )
+    if learn.memory != "none" and learn.others != "flat":
+        yield Problem(
+            ("learn.memory", "learn.others"),
+            f"learn.memory = {learn.memory} needs learn.others = flat: slots of others are seen as they are now",
+        )
+    if learn.memory != "none" and learn.algorithm != "ppo":
+        yield Problem(
+            ("learn.memory", "learn.algorithm"),
+            f"learn.memory = {learn.memory} needs learn.algorithm = ppo: what {learn.algorithm} remembers is its own business",
         )
     low, start, high = learn.min_learning_rate, learn.learning_rate, learn.max_learning_rate
     if low > high or (learn.learning_rate_schedule == "kl" and not low <= start <= high):

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dronecombat_jax.config import body_file, opponent_rules, opponents, preflight
+from dronecombat_jax.config import body_file, flight_rules, opponent_rules, opponents, preflight
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.preset_text import lines_of, syntax_error, text_of
 from dronecombat_jax.config.schema import (
@@ -89,7 +89,7 @@ def _machine_problems(config: Config) -> list[preflight.Problem]:
         *preflight.memory_problems(config),
         *preflight.disk_problems(config),
         *preflight.package_problems(config),
-        *preflight.body_problems(config),
+        *flight_rules.body_problems(config),
     ]
 
 

@@ -19,6 +19,16 @@ class LearnConfig:
         "what the value function sees: what its policy does; or the whole state and who it is "
         "(MAPPO); the policy flies by its observation either way",
     )
+    memory: Literal["none", "frames"] = setting(
+        "none",
+        "what a policy remembers of its fight: nothing; or its last observations (frames)",
+    )
+    frames: int = setting(
+        4,
+        "memory frames: observations that a network sees, the present one included",
+        low=2,
+        high=64,
+    )
     others: Literal["flat", "mean"] = setting(
         "flat",
         "what networks make of the slots of observation nearest: numbers as any; or the mean of one "

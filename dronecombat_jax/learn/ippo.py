@@ -4,11 +4,15 @@ What does not live here: that both sides do it, each on its own (`algorithms`), 
 (`optimize`).
 """
 
+from collections.abc import Callable
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn import ppo
+from dronecombat_jax.learn.memory import remember
 from dronecombat_jax.learn.networks import (
     forward,
     init_parameters,
@@ -22,7 +26,7 @@ from dronecombat_jax.learn.normalize import (
     with_fixed_slots,
 )
 from dronecombat_jax.learn.optimize import optimize, optimizer
-from dronecombat_jax.learn.rollout import scaled
+from dronecombat_jax.learn.rollout import policy_of, scaled
 from dronecombat_jax.types import (
     OBSERVATION_SIZE,
     Batch,
@@ -68,10 +72,13 @@ def update_learner(
         """
         return jnp.where(weight.reshape(*weight.shape, *[1] * (leaf.ndim - 2)) > 0.0, leaf, 0.0)
 
+    seen = scaled(learn, learner.observation_scaler, observation)
+    recall = None if rollout.recall is None else rollout.recall[:, :, agent]
+    inputs, _ = remember(policy_of(learner), seen, recall)
     learner, batch = prepare_batch(
         learn,
         learner,
-        observation=scaled(learn, learner.observation_scaler, observation),
+        observation=inputs,
         action=counted(rollout.action[:, :, agent]),
         log_prob=counted(rollout.log_prob[:, :, agent]),
         reward=rollout.reward[:, :, agent],
@@ -117,22 +124,19 @@ def estimate_values(
     """Value of every state and of every state's successor, both [T, N] on the reward's scale.
 
     The successor of a truncated step is its final observation; else the next step's value serves.
-    A central critic values whole states in the place of observations.
     """
-    seen, final, scaler = rollout.observation, rollout.final_observation, learner.observation_scaler
-    if learner.critic_scaler is not None:
-        assert rollout.whole is not None and rollout.final_whole is not None
-        seen, final, scaler = rollout.whole, rollout.final_whole, learner.critic_scaler
+    seen, final, recall = _shown(learner, rollout, agent)
+    evaluate = partial(_value, learn, learner)
 
-    def evaluate(seen: jax.Array) -> jax.Array:
-        value = forward(learner.parameters.value, scaled(learn, scaler, seen))[..., 0]
-        return denormalize(learner.value_scaler, value) if learn.normalize_values else value
+    def succeeding(pick: Callable[[jax.Array], jax.Array]) -> jax.Array:
+        """The value of what steps led to, picked out of leaves [T, N, ...]."""
+        now, then, before = jax.tree.map(pick, (seen, final, recall))
+        return evaluate(then, _after(learn, learner, now, before))
 
     # Step by step: activations of N fights stay in the cache, those of T N do not (3 x faster on a
     # CPU).
-    value = jax.lax.map(evaluate, seen[:, :, agent])
-    final = final[:, :, agent]
-    following = jnp.concatenate([value[1:], evaluate(final[-1])[None]])
+    value = jax.lax.map(lambda step: evaluate(*step), (seen, recall))
+    following = jnp.concatenate([value[1:], succeeding(lambda leaf: leaf[-1])[None]])
     if not learn.bootstrap_timeout:
         return value, following
 
@@ -143,10 +147,48 @@ def estimate_values(
     def bootstrap(time: jax.Array, following: jax.Array) -> jax.Array:
         here = rollout.truncated & (times == time + 1)
         step = jnp.argmax(here, axis=0)
-        seen = jnp.take_along_axis(final, step[None, :, None], axis=0)[0]
-        return jnp.where(here, evaluate(seen), following)
+        pick = lambda leaf: jnp.take_along_axis(leaf, step[None, :, None], axis=0)[0]
+        return jnp.where(here, succeeding(pick), following)
 
     return value, jax.lax.fori_loop(0, jnp.max(times[-1]), bootstrap, following)
+
+
+def _shown(
+    learner: Learner, rollout: Transition, agent: int
+) -> tuple[jax.Array, jax.Array, jax.Array | None]:
+    """What one agent's value function is shown before and after each step, [T, N, ...], and what is
+    remembered before it.
+
+    A central critic is shown whole states, and needs no memory.
+    """
+    if learner.critic_scaler is None:
+        shown = rollout.observation, rollout.final_observation, rollout.recall
+    else:
+        shown = rollout.whole, rollout.final_whole, None
+    return jax.tree.map(lambda leaf: leaf[:, :, agent], shown)
+
+
+def _value(
+    learn: LearnConfig, learner: Learner, seen: jax.Array, recall: jax.Array | None
+) -> jax.Array:
+    """Value [...] on the reward's scale of what is shown, `seen` [..., size], and remembered."""
+    if learner.critic_scaler is None:
+        inputs, _ = remember(
+            policy_of(learner), scaled(learn, learner.observation_scaler, seen), recall
+        )
+    else:
+        inputs = scaled(learn, learner.critic_scaler, seen)
+    value = forward(learner.parameters.value, inputs)[..., 0]
+    return denormalize(learner.value_scaler, value) if learn.normalize_values else value
+
+
+def _after(
+    learn: LearnConfig, learner: Learner, seen: jax.Array, recall: jax.Array | None
+) -> jax.Array | None:
+    """What is remembered after a step in which `seen` [..., size] was observed."""
+    if recall is None:
+        return None
+    return remember(policy_of(learner), scaled(learn, learner.observation_scaler, seen), recall)[1]
 
 
 def prepare_batch(

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.learn.memory import remember, with_recall
 from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import normalize
 from dronecombat_jax.types import (
@@ -19,9 +20,11 @@ from dronecombat_jax.types import (
     Transition,
 )
 
+Acts = tuple[jax.Array, jax.Array, jax.Array | None]
 # Whoever does not learn from its actions: (fights [N, ...], observation [N, A, 35], standard normal
-# noise [N, 4]) -> action [N, 4], its log-probability [N]; 0 where nobody will ask for it.
-Seat = Callable[[EnvState, jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
+# noise [N, 4]) -> action [N, 4], its log-probability [N], 0 where nobody will ask for it, and what is
+# remembered after it [N, M].
+Seat = Callable[[EnvState, jax.Array, jax.Array], Acts]
 # Who flies each drone [A]: its side's policy, leaves [...], or [N, ...] for one in each environment.
 # Or a function, where different ones sit in a side's place.
 Policies = tuple[Policy | Seat, ...]
@@ -51,15 +54,19 @@ def collect(
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
         noise, numbers = random
         observation = jax.vmap(combat.observe)(env)
-        action, log_prob = act(learn, policies, observation, noise, env)
+        action, log_prob, recall = act(learn, policies, observation, noise, env)
         after, output = jax.vmap(combat.step)(env, action)
         done = output.terminated | output.truncated
+        start = jax.vmap(combat.explore)(numbers, alone)
+        transition = _transition(observation, action, log_prob, output, after)
+        if recall is not None:
+            after, start = after.replace(recall=recall), with_recall(start, recall.shape[-1])
+            transition = transition._replace(recall=env.recall)
         following = jax.tree.map(
             lambda new, old: jnp.where(done.reshape(-1, *[1] * (new.ndim - 1)), new, old),
-            jax.vmap(combat.explore)(numbers, alone),
+            start,
             after,
         )
-        transition = _transition(observation, action, log_prob, output, after)
         if learn.critic == "central":
             look = jax.vmap(combat.observe_whole)
             transition = transition._replace(whole=look(env), final_whole=look(after))
@@ -74,48 +81,68 @@ def act(
     observation: jax.Array,
     noise: jax.Array,
     env: EnvState | None = None,
-) -> tuple[jax.Array, jax.Array]:
-    """Draw all agents' actions [N, A, 4] and their log-probabilities [N, A].
+) -> Acts:
+    """Draw all agents' actions [N, A, 4] and their log-probabilities [N, A]; also what is
+    remembered after them [N, A, M].
 
     `observation` [N, A, 35], `noise` [N, A, 4] standard normal; the fights `env` [N, ...] for
-    those of `policies` that are functions.
+    those of `policies` that are functions or remember their fight.
     """
-    actions, log_probs = [], []
+    each = []
     for agent, policy in enumerate(policies):
         # unrolled: plain products beat one batched product on a CPU
         if isinstance(policy, Policy):
-            action, log_prob = draw_action(learn, policy, observation[:, agent], noise[:, agent])
+            recall = None if env is None else recalled(env, agent)
+            each.append(draw_action(learn, policy, observation[:, agent], noise[:, agent], recall))
         else:
             assert env is not None
-            action, log_prob = policy(env, observation, noise[:, agent])
-        actions.append(action)
-        log_probs.append(log_prob)
-    return jnp.stack(actions, axis=1), jnp.stack(log_probs, axis=1)
+            each.append(policy(env, observation, noise[:, agent]))
+    action, log_prob, recall = jax.tree.map(lambda *leaves: jnp.stack(leaves, axis=1), *each)
+    return action, log_prob, recall
+
+
+def recalled(fights: EnvState, agent: int) -> jax.Array | None:
+    """What one agent's policy remembers of `fights` [N, ...]: [N, M]; None: nothing."""
+    return None if fights.recall is None else fights.recall[:, agent]
 
 
 def draw_action(
-    learn: LearnConfig, policy: Policy, observation: jax.Array, noise: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """One agent's actions [N, 4] and their log-probabilities [N] for raw observations [N, 35].
+    learn: LearnConfig,
+    policy: Policy,
+    observation: jax.Array,
+    noise: jax.Array,
+    recall: jax.Array | None = None,
+) -> Acts:
+    """One agent's actions [N, 4] and their log-probabilities [N] for raw observations [N, 35];
+    also what is remembered after them, `recall` [N, M] being what is before.
 
     The log-probability is that of the unclipped Gaussian action, unless `clip_actions` (with which
     nothing is learnt: docs/fidelity.md).
     """
-    mean = policy_mean(learn, policy, observation)
+    mean, recall = policy_step(learn, policy, observation, recall)
     log_std = jnp.clip(policy.log_std, learn.min_log_std, learn.max_log_std)
     action = mean + jnp.exp(log_std) * noise
     if learn.clip_actions:
         action = jnp.clip(action, -1.0, 1.0)
-    return action, gaussian_log_prob(action, mean, log_std)
+    return action, gaussian_log_prob(action, mean, log_std), recall
 
 
 def policy_mean(learn: LearnConfig, policy: Policy, observation: jax.Array) -> jax.Array:
     """Mean action [..., 4] for raw observations [..., 35]; a policy with leaves [N, ...] flies
-    observations [N, 35].
+    observations [N, 35]. For policies without memory.
     """
+    return policy_step(learn, policy, observation, None)[0]
+
+
+def policy_step(
+    learn: LearnConfig, policy: Policy, observation: jax.Array, recall: jax.Array | None
+) -> tuple[jax.Array, jax.Array | None]:
+    """The same, and what is remembered after it [..., M], `recall` being what is before."""
     if policy.log_std.ndim > 1:
-        return jax.vmap(lambda single, seen: policy_mean(learn, single, seen))(policy, observation)
-    return forward(policy.network, scaled(learn, policy.observation_scaler, observation))
+        return jax.vmap(lambda *each: policy_step(learn, *each))(policy, observation, recall)
+    seen = scaled(learn, policy.observation_scaler, observation)
+    inputs, recall = remember(policy, seen, recall)
+    return forward(policy.network, inputs), recall
 
 
 def scaled(learn: LearnConfig, scaler: Scaler, observation: jax.Array) -> jax.Array:

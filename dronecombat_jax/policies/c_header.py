@@ -12,7 +12,7 @@ import numpy as np
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.policies.c_scales import scales
-from dronecombat_jax.policies.file import refuse_encoder, refuse_overwriting
+from dronecombat_jax.policies.file import refuse_more_than_layers, refuse_overwriting
 from dronecombat_jax.policies.info import PolicyInfo, metadata_of
 from dronecombat_jax.types import ACTION_SIZE, Policy
 
@@ -77,9 +77,10 @@ _LAYER = """    for (int o = 0; o < {outputs}; ++o) {{
 def save_c(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False) -> None:
     """Write one policy as a header; `log_std` is not in it.
 
-    Raises UserError 73 where `path` exists (without `force`) or the disk refuses.
+    Raises UserError: 73 where `path` exists (without `force`) or the disk refuses, 2 for a policy
+    with memory or an encoder of others.
     """
-    refuse_encoder(path, info)
+    refuse_more_than_layers(path, info)
     refuse_overwriting(path, force)
     write_atomic(path, header_of(policy, info))
 

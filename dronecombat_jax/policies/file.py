@@ -22,7 +22,7 @@ from dronecombat_jax.files import tensorfile
 from dronecombat_jax.files.arrays import nonfinite
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.tensorfile import PolicyError, digest_of
-from dronecombat_jax.policies.info import PolicyInfo, info_of, metadata_of
+from dronecombat_jax.policies.info import NO_MEMORY, PolicyInfo, info_of, metadata_of
 from dronecombat_jax.types import MLP, Encoder, Policy, Scaler
 
 MAX_NAME_BYTES = 200  # a file system takes 255, and the temporary name beside it is longer
@@ -84,11 +84,12 @@ def refuse_overwriting(path: Path, force: bool) -> None:
         raise UserError(f"{path} is there already; --force replaces it", EXIT_CANNOT_WRITE)
 
 
-def refuse_encoder(path: Path, info: PolicyInfo) -> None:
-    """Raise UserError 2 for a policy with an encoder of others, which only a policy file holds."""
-    if info.others_size:
+def refuse_more_than_layers(path: Path, info: PolicyInfo) -> None:
+    """Raise UserError 2 for a policy with memory or an encoder of others: a policy file alone holds it."""
+    more = f"memory ({info.memory})" if info.memory != NO_MEMORY else ""
+    if more or info.others_size:
         raise UserError(
-            f"{one_line(path.name)}: a policy with learn.others = mean is exported as .safetensors alone",
+            f"{one_line(path.name)}: a policy with {more or 'learn.others = mean'} is exported as .safetensors alone",
             EXIT_CONFIG,
         )
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from dronecombat_jax.combat.fingerprint import canonical
 from dronecombat_jax.combat.observe import OBSERVATIONS, Observation, layout_of
-from dronecombat_jax.config.fields import GameConfig
+from dronecombat_jax.config.fields import GameConfig, LearnConfig
 from dronecombat_jax.config.schema import build, one_line, shown
 from dronecombat_jax.config.settings import SCHEMA
 from dronecombat_jax.learn.networks import encoded_size
@@ -19,7 +19,7 @@ from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.types import ACTION_SIZE, SIDES
 
 FORMAT = "dronecombat-policy"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # 1: a policy without memory
 ACTIVATION = "elu"
 _WRENCH = ("thrust", "moment_x", "moment_y", "moment_z")  # body frame (`sim.flight.wrench`)
 ACTION_FIELDS = {  # by `sim.actuation`
@@ -33,6 +33,8 @@ ACTION_CLIP = 1.0  # what the game does to an action before it flies it
 _ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._+-]{0,99}")
 _WHOLE = re.compile(r"0|[1-9][0-9]{0,17}")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
+NO_MEMORY = "none"
+_MEMORY = re.compile(r"frames ([2-9]|[1-5][0-9]|6[0-4])")
 
 
 class PolicyInfo(NamedTuple):
@@ -50,11 +52,16 @@ class PolicyInfo(NamedTuple):
     jax_version: str
     config_sha256: str  # of the run's config.toml
     others_size: int = 0  # units of the layer for slots of others (`types.Encoder`); 0: none
+    # what it remembers of its fight: "none"; "frames K": the first layer takes K observations
+    memory: str = NO_MEMORY
 
     @property
     def first_inputs(self) -> int:
-        """Inputs of the first layer: the observation, or what an encoder makes of it."""
-        return encoded_size(self.others_size) if self.others_size else self.layer_sizes[0]
+        """Inputs of the first layer: the observation, or what an encoder or a memory makes of it."""
+        if self.others_size:
+            return encoded_size(self.others_size)
+        kind, _, number = self.memory.partition(" ")
+        return self.layer_sizes[0] * int(number) if kind == "frames" else self.layer_sizes[0]
 
     @property
     def observation(self) -> str:
@@ -77,11 +84,20 @@ class PolicyInfo(NamedTuple):
         return hashlib.sha256(canonical(self.environment).encode()).hexdigest()
 
 
+def memory_of(learn: LearnConfig) -> str:
+    """What the policies of a run remember, as `PolicyInfo.memory` says it."""
+    return f"frames {learn.frames}" if learn.memory == "frames" else NO_MEMORY
+
+
 def metadata_of(info: PolicyInfo) -> dict[str, str]:
-    """Everything but the arrays, every value as text."""
+    """Everything but the arrays, every value as text.
+
+    Of a policy without memory it is that of format 1.
+    """
+    remembers = info.memory != NO_MEMORY
     return {
         "format": FORMAT,
-        "format_version": str(FORMAT_VERSION),
+        "format_version": str(FORMAT_VERSION if remembers else 1),
         "role": info.role,
         "layer_sizes": json.dumps(info.layer_sizes),
         "activation": ACTIVATION,
@@ -102,6 +118,7 @@ def metadata_of(info: PolicyInfo) -> dict[str, str]:
         "package_version": info.package_version,
         "jax_version": info.jax_version,
         "config_sha256": info.config_sha256,
+        **({"memory": info.memory} if remembers else {}),
         **({"others_size": str(info.others_size)} if info.others_size else {}),
     }
 
@@ -119,6 +136,7 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
             f"it has format {version}, this version reads up to {FORMAT_VERSION}: upgrade dronecombat-jax"
         )
     environment = _environment(metadata)
+    memory = _matching(metadata, "memory", _MEMORY) if version > 1 else NO_MEMORY
     info = PolicyInfo(
         role=_matching(metadata, "role", re.compile("|".join(SIDES))),
         layer_sizes=_layer_sizes(metadata, environment),
@@ -135,6 +153,7 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
         jax_version=_matching(metadata, "jax_version", _ID),
         config_sha256=_matching(metadata, "config_sha256", _SHA256),
         others_size=_others_size(metadata, environment),
+        memory=memory,
     )
     for key, expected in metadata_of(info).items():
         if metadata.get(key) != expected:

@@ -4,6 +4,9 @@ robot.
     policy = NumpyPolicy("attacker.safetensors")
     action = np.clip(policy(observation), -1.0, 1.0)  # [35] -> [4], or [N, 35] -> [N, 4]
 
+A policy with memory (`policy.about["memory"]`) must be called at every step of a fight, from the first
+on; `policy.reset()` makes it forget, before another fight begins.
+
 `policy.about` tells what the numbers are: observation_fields, action_fields, control_dt,
 environment.
 """
@@ -25,11 +28,9 @@ class NumpyPolicy:
             header = json.loads(file.read(length)) if length <= 1_000_000 else {}
             data = file.read()
         self.about = header.pop("__metadata__", {})
-        if (self.about.get("format"), self.about.get("format_version")) != (
-            "dronecombat-policy",
-            "1",
-        ):
-            raise ValueError(f"{path}: no dronecombat policy of format 1")
+        known = self.about.get("format_version") in ("1", "2")
+        if self.about.get("format") != "dronecombat-policy" or not known:
+            raise ValueError(f"{path}: no dronecombat policy of format 1 or 2")
         arrays = {name: self._array(data, entry) for name, entry in header.items()}
         if not all(np.isfinite(array).all() for array in arrays.values()):
             raise ValueError(f"{path}: NaN or infinity inside")
@@ -42,6 +43,15 @@ class NumpyPolicy:
         )
         self.clip = np.float32(self.about["normalization_clip"])
         self.normalize = self.about["normalize_observations"] == "true"
+        kind, _, number = self.about.get("memory", "none").partition(" ")
+        if kind not in ("none", "frames"):
+            raise ValueError(f"{path}: its memory is {kind}, which this reader does not know")
+        self.memory_size = (int(number) - 1) * self.mean.size if kind == "frames" else 0
+        self.reset()
+
+    def reset(self):
+        """Forget: a fight is about to begin."""
+        self.memory = None
 
     def __call__(self, observation):
         x = np.asarray(observation, np.float32)
@@ -51,11 +61,21 @@ class NumpyPolicy:
             )
         if self.normalize:
             x = np.clip((x - self.mean) / self.scale, -self.clip, self.clip)
+        if self.memory_size:
+            x = self._remember(x)
         if self.others:
             x = self._encode(x)
         for weight, bias in self.layers[:-1]:
             x = self._elu(x @ weight + bias)
         return x @ self.layers[-1][0] + self.layers[-1][1]
+
+    def _remember(self, x):
+        """Scaled observations [..., 35] and what is remembered before them; keeps what is after."""
+        if self.memory is None:
+            self.memory = np.zeros((*x.shape[:-1], self.memory_size), np.float32)
+        x = np.concatenate([x, self.memory], axis=-1)
+        self.memory = x[..., : self.memory_size]
+        return x
 
     def _encode(self, x):
         """The mean, over those who are seen, of a layer on the slots of observation `nearest`."""

@@ -12,7 +12,7 @@ import numpy as np
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
-from dronecombat_jax.policies.file import refuse_encoder, refuse_overwriting
+from dronecombat_jax.policies.file import refuse_more_than_layers, refuse_overwriting
 from dronecombat_jax.policies.info import PolicyInfo, metadata_of
 from dronecombat_jax.types import ACTION_SIZE, Policy
 
@@ -26,10 +26,10 @@ def save_onnx(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = Fal
     in it.
 
     Raises UserError: 73 where `path` exists (without `force`) or the disk refuses, 2 where onnx is
-    missing.
+    missing, and for a policy with memory or an encoder of others.
     """
     onnx = require_onnx()
-    refuse_encoder(path, info)
+    refuse_more_than_layers(path, info)
     refuse_overwriting(path, force)
     write_atomic(path, model_of(onnx, policy, info).SerializeToString(deterministic=True))
 

@@ -11,10 +11,12 @@ import numpy as np
 
 from dronecombat_jax.combat.games import DUEL, game_of
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.combat.starts import ARENA_HALF_WIDTH, START
+from dronecombat_jax.combat.scripted import PLANNERS
+from dronecombat_jax.combat.starts import ARENA_HALF_WIDTH, places
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
+from dronecombat_jax.learn.memory import memory_size
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.report.endings import WINNERS, who_and_why
 from dronecombat_jax.sim.craft import is_ideal
@@ -77,7 +79,7 @@ def game_data(config: Config, scene: Scene) -> Data:
             "episode_steps": game.episode_steps,
         },
         "start": {
-            "places": START,
+            "places": places(game),
             "uniform": game.spawn == "uniform",
             "half_width": ARENA_HALF_WIDTH,
             "low": game.spawn_altitude_low,
@@ -100,7 +102,16 @@ def opponent_data(opponent: Opponent) -> Data:
     """
     label = one_line(opponent.label)
     if isinstance(opponent.pilot, str):
+        if opponent.pilot in PLANNERS.values():
+            raise UserError(
+                f"{opponent.pilot} looks ahead, which the page's own code cannot: take another "
+                "pilot. dronecombat replay shows its fights"
+            )
         return {"label": label, "scripted": opponent.pilot}
+    if memory_size(opponent.pilot):
+        raise UserError(
+            f"{label}: the page flies policies without memory alone. dronecombat replay shows its fights"
+        )
     network, scaler = opponent.pilot.network, opponent.pilot.observation_scaler
     divisor = np.sqrt(np.asarray(scaler.variance, np.float32)) + np.float32(EPSILON)
     layers = zip(network.weights, network.biases, strict=True)

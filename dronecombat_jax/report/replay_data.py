@@ -64,7 +64,9 @@ def fight_data(fight: Fight, rules: Rules, most: int) -> dict[str, Any]:
     end = float(trajectory.time[-1])
     every = int(kept[1]) if len(kept) > 1 else 1
     teams = {} if sides == DUEL else {"sides": sides, "names": shown_names(sides)}
+    drawn = {name: np.round(each, 4).tolist() for name, each in (trajectory.drawn or {}).items()}
     return {
+        **({"drawn": drawn} if drawn else {}),
         "name": one_line(fight.name),
         "note": one_line(fight.note),
         "defender": one_line(fight.pilots[DEFENDER]),

@@ -1,7 +1,6 @@
 """`dronecombat evaluate`: the two policies of a run fight, and the outcomes are counted."""
 
 import json
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from dronecombat_jax.arena.match import Team, fight, policy_team, scripted_team, start_fights
+from dronecombat_jax.arena.match import drawn_numbers as drawn_in
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.combat.rules import outcome_table
@@ -17,6 +17,7 @@ from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import stands_for
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.config.sides import drone_names, team
+from dronecombat_jax.config.starts import with_starts
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.rundir import RunDirectory
@@ -94,8 +95,7 @@ class Match(NamedTuple):
     # a scripted pilot in the defender's place (combat.scripted.PILOTS); "": the run's own
     defender: str = ""
     attacker: str = ""
-    # "fixed" (the three points themselves) or "uniform" starts; "": those of the run
-    spawn: str = ""
+    spawn: str = ""  # starts (`config.starts`); "": those of the run
 
 
 def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
@@ -134,25 +134,17 @@ def drawn_numbers(run: SavedRun, match: Match) -> dict[str, Any]:
     fights, combat = _fights_of(run, match)
     start_key, _ = jax.random.split(jax.random.key(match.seed))
     start = start_fights(combat, start_key, fights)
-    if start.craft is None or start.craft.drawn is None:
-        return {}
-    numbers = {}
-    for name, value in asdict(run.config.randomise).items():
-        if value:
-            factors = np.asarray(getattr(start.craft.drawn, name), float).round(4)
-            numbers[name] = {
-                drone: factors[:, index].tolist()
-                for index, drone in enumerate(drone_names(run.config.game.sides))
-            }
-    return {"drawn": numbers}
+    drones = drone_names(run.config.game.sides)
+    numbers = {
+        name: {drone: factors[:, i].round(4).tolist() for i, drone in enumerate(drones)}
+        for name, factors in drawn_in(run.config, start, slice(None)).items()
+    }
+    return {"drawn": numbers} if numbers else {}
 
 
 def _fights_of(run: SavedRun, match: Match) -> tuple[int, Combat]:
     """How many fights of which game."""
-    game = run.config.game
-    if match.spawn:
-        game = replace(game, spawn=match.spawn, spawn_spread=0.0, defender_spread=0.0)
-    combat = Combat(replace(run.config, game=game), run.combat.scene)
+    combat = Combat(with_starts(run.config, match.spawn), run.combat.scene)
     return match.fights or run.config.run.evaluation_fights, combat
 
 

@@ -16,7 +16,7 @@ from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.files.versions import package_version
 from dronecombat_jax.policies.c_header import save_c
 from dronecombat_jax.policies.file import refuse_overwriting, save_policy
-from dronecombat_jax.policies.info import PolicyInfo
+from dronecombat_jax.policies.info import PolicyInfo, memory_of
 from dronecombat_jax.policies.onnx import require_onnx, save_onnx
 from dronecombat_jax.runs.evaluation import SavedRun, load_run, policies
 from dronecombat_jax.types import ACTION_SIZE, SIDES, Policy
@@ -88,6 +88,7 @@ def policy_of_run(
         package_version=package_version(),
         jax_version=jax.__version__,
         config_sha256=hashlib.sha256(settings.to_toml(config).encode()).hexdigest(),
+        memory=memory_of(config.learn),
         others_size=config.learn.others_size if config.learn.others == "mean" else 0,
     )
     return policies(run, index)[SIDES.index(role)], info

@@ -31,6 +31,8 @@ COUNTED_IN = ("learn.rollout_steps", "train.chunk_iterations")
 SHAPES = (
     "learn.hidden_sizes",
     "learn.critic",
+    "learn.memory",
+    "learn.frames",
     "train.num_envs",
     "train.num_seeds",
     "selfplay.probability",

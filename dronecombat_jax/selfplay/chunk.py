@@ -19,6 +19,7 @@ from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.learn.algorithms import learn_from, new_learner, without
+from dronecombat_jax.learn.memory import recall_size, with_recall
 from dronecombat_jax.learn.rollout import Policies, collect
 from dronecombat_jax.learn.sharding import along_environments
 from dronecombat_jax.selfplay import opponents, tally
@@ -210,10 +211,12 @@ def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
                 tally.fresh(config.train.num_envs, len(combat.config.game.sides)),
             )
         if selfplay is not None:
+            met = opponents.codes(config, selfplay)
             selfplay = save_players(config, selfplay, learners, chunk)
             selfplay = choose(
                 config, selfplay, chunk, _key(state.seed, state.iteration, Purpose.OPPONENT)
             )
+            env = _forgotten(env, met != opponents.codes(config, selfplay))
             if not config.selfplay.restore_live:
                 learners = lose_live(config, learners, selfplay)
         return state.replace(env=env, flown=flown, learners=learners, selfplay=selfplay)
@@ -267,12 +270,22 @@ def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvSt
     num_envs = config.train.num_envs
     numbers = combat.exploring_numbers(_key(seed, iteration, Purpose.RESET), (num_envs,))
     env = jax.vmap(combat.explore)(numbers, jnp.arange(num_envs) < config.solo_envs)
+    env = with_recall(env, recall_size(config))
     if not config.game.random_clock:
         return env
     key = _key(seed, iteration, Purpose.CLOCK)
     return env.replace(
         clock=jax.random.randint(key, (num_envs,), 0, config.game.episode_steps, jnp.int32)
     )
+
+
+def _forgotten(env: EnvState, changed: jax.Array) -> EnvState:
+    """The fights `env` under way; where others meet from now on, `changed` [N], none remembers what
+    came before.
+    """
+    if env.recall is None:
+        return env
+    return env.replace(recall=jnp.where(changed[:, None, None], 0.0, env.recall))
 
 
 def _collect(

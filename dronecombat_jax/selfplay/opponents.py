@@ -19,7 +19,15 @@ from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import NOBODY as ALONE
 from dronecombat_jax.config.opponents import Places, Row, live_part, places, table
 from dronecombat_jax.learn.algorithms import ALL, Learners, algorithm_of
-from dronecombat_jax.learn.rollout import Policies, Seat, draw_action, policy_mean, select
+from dronecombat_jax.learn.rollout import (
+    Acts,
+    Policies,
+    Seat,
+    draw_action,
+    policy_step,
+    recalled,
+    select,
+)
 from dronecombat_jax.selfplay.pool import FIXED, NOBODY, chunk_rows, member, met, players
 from dronecombat_jax.types import ACTION_SIZE, NUM_SIDES, EnvState, Outcome, Policy, SelfPlay
 
@@ -141,13 +149,12 @@ def _seat_of_places(
         if place.first < place.stop
     ]
 
-    def act(env: EnvState, seen: jax.Array, noise: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def act(env: EnvState, seen: jax.Array, noise: jax.Array) -> Acts:
         each = []
         for place, seat in sitting:
             part = lambda leaf, place=place: leaf[place.first : place.stop]
             each.append(seat(jax.tree.map(part, env), part(seen), part(noise)))
-        actions, log_probs = zip(*each, strict=True)
-        return jnp.concatenate(actions), jnp.concatenate(log_probs)
+        return jax.tree.map(lambda *parts: jnp.concatenate(parts), *each)
 
     return act
 
@@ -160,14 +167,14 @@ def _sitting(
     if row is None:
         return _drawn(combat.config, live, drone)
     if row.who == ALONE:  # it is absent, and its action has no effect
-        return _steady(lambda env, seen, key: jnp.zeros((seen.shape[0], ACTION_SIZE)))
+        return _steady(lambda env, seen, key: jnp.zeros((seen.shape[0], ACTION_SIZE)), drone)
     if row.past:
         assert state is not None
         pool = state.pools[row.side]
         assert pool is not None
         slots = jnp.maximum(state.opponent[place.first : place.stop], 0)
         return _drawn(combat.config, member(pool, slots), drone)
-    return _steady(_fixed(combat, row, drone, cast))
+    return _fixed(combat, row, drone, cast)
 
 
 def _seat_of_chunks(
@@ -184,29 +191,37 @@ def _seat_of_chunks(
         which = jnp.where(state.opponent[0] == FIXED - rows.index(row), number, which)
     choices = [
         _drawn(combat.config, flying, drone),
-        *(_steady(_fixed(combat, row, drone, cast)) for row in fixed),
+        *(_fixed(combat, row, drone, cast) for row in fixed),
     ]
     return lambda env, seen, noise: jax.lax.switch(which, choices, env, seen, noise)
 
 
-def _fixed(combat: Combat, row: Row, drone: int, cast: Cast) -> Pilot:
+def _fixed(combat: Combat, row: Row, drone: int, cast: Cast) -> Seat:
     """The scripted pilot or the frozen policy of a row, flying `drone`."""
     if row.scripted:
-        return build_pilot(row.scripted, combat.config, combat.scene, row.side, drone)
+        pilot = build_pilot(row.scripted, combat.config, combat.scene, row.side, drone)
+        return _steady(pilot, drone)
     policy, learn = cast[row.name], combat.config.learn
-    return lambda env, seen, key: policy_mean(learn, policy, seen[:, drone])
+
+    def act(env: EnvState, seen: jax.Array, noise: jax.Array) -> Acts:
+        action, recall = policy_step(learn, policy, seen[:, drone], recalled(env, drone))
+        return action, jnp.zeros(action.shape[0]), recall
+
+    return act
 
 
 def _drawn(config: Config, policy: Policy, drone: int) -> Seat:
     """A policy that draws its actions."""
-    return lambda env, seen, noise: draw_action(config.learn, policy, seen[:, drone], noise)
+    return lambda env, seen, noise: draw_action(
+        config.learn, policy, seen[:, drone], noise, recalled(env, drone)
+    )
 
 
-def _steady(pilot: Pilot) -> Seat:
+def _steady(pilot: Pilot, drone: int) -> Seat:
     """A pilot that draws nothing; nobody asks for the probability of its actions."""
 
-    def act(env: EnvState, seen: jax.Array, noise: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def act(env: EnvState, seen: jax.Array, noise: jax.Array) -> Acts:
         action = pilot(env, seen, jax.random.key(0))
-        return action, jnp.zeros(action.shape[0])
+        return action, jnp.zeros(action.shape[0]), recalled(env, drone)
 
     return act

@@ -10,6 +10,7 @@ from dronecombat_jax.analysis.result import TournamentResult
 from dronecombat_jax.analysis.verdict import judge
 from dronecombat_jax.analysis.verdict_text import verdict_json, verdict_text
 from dronecombat_jax.arena.rectangle import Rules
+from dronecombat_jax.config.starts import AS_TRAINED
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_TOURNAMENT, UserError
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.plain import to_json
@@ -35,6 +36,7 @@ def compare(
     by: str = "method",
     name: str = "",
     every: int = EVERY,
+    spawn: str = AS_TRAINED,
     skip_bad: bool = False,
     allow_mismatch: bool = False,
     root: str = "tournaments",
@@ -43,7 +45,8 @@ def compare(
     returns an exit code.
 
     Only the cells that the answer and its report rest on are flown (`panel.cells_needed`); `every`:
-    which attackers of a run are on the panel beside its final one. Without `runs` the tournament
+    which attackers of a run are on the panel beside its final one; `spawn`: where fights start
+    (`config.starts`). Without `runs` the tournament
     `name` is judged as it lies there, as it was compared before or by the methods that it names.
     UserError 2 for a grouping that leaves nothing to compare, before anything is flown.
     """
@@ -64,11 +67,12 @@ def compare(
             f"nothing to compare: all runs are of {next(iter(groups.values()))}; see --by",
             EXIT_CONFIG,
         )
-    name = name or f"compare-{tournaments.default_name(runs)}"[:100]
+    name = name or f"compare-{tournaments.default_name(runs, spawn)}"[:100]
     words = [*map(str, paths), ANCHORS]
     options = {
         "name": name,
         "every": every,
+        "spawn": spawn,
         "skip_bad": skip_bad,
         "allow_mismatch": allow_mismatch,
         "root": root,

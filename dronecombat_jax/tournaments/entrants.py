@@ -16,6 +16,7 @@ from dronecombat_jax.config import settings
 from dronecombat_jax.config.body_file import is_file
 from dronecombat_jax.config.fields import Config, SimConfig
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.starts import AS_TRAINED, with_starts
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.tournaments.contenders import EXPORTED, Contender, Found, find
 from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES
@@ -50,10 +51,12 @@ def read_field(
     skip_bad: bool = False,
     allow_mismatch: bool = False,
     mjcf: str = "",
+    spawn: str = AS_TRAINED,
 ) -> Field:
     """Read and check everybody whom `words` name (`contenders.find`).
 
-    `mjcf`: the file of the drone or scene to fly, instead of where their runs left it.
+    `mjcf`: the file of the drone or scene to fly, instead of where their runs left it; `spawn`:
+    where fights start, whatever the policies have met (`config.starts`).
     Raises UserError: 2 for words that mean nothing and for a side without players; 3 that lists
     every checkpoint or file that cannot be used (unless `skip_bad`), or every player of another
     game (unless `allow_mismatch`).
@@ -83,7 +86,9 @@ def read_field(
                 EXIT_CONFIG,
             )
         notices += _saved_again(role, side)
-    return Field(config, seats, tuple(notices), tuple(bad))
+    if with_starts(config, spawn) != config:
+        notices += [f"fights start at other places than in training: {spawn}"]
+    return Field(with_starts(config, spawn), seats, tuple(notices), tuple(bad))
 
 
 def _game(sources: list[Found], mjcf: str) -> Config:

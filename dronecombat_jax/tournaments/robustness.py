@@ -55,6 +55,7 @@ class Plan(NamedTuple):
     every: int
     untrained: bool
     mjcf: str
+    spawn: str  # where fights start (`config.starts`)
     before: TournamentResult | None  # of a tournament that was named
 
 
@@ -78,15 +79,15 @@ def plan(
     if folder is None:
         path = run_path(root, name or tournaments.default_name(words))
         rules = Rules(episodes or Rules().episodes, seed, stochastic)
-        return Plan(path, words, rules, every or 1, False, mjcf, None)
+        return Plan(path, words, rules, every or 1, False, mjcf, "", None)
     given = {"--name": name, "--every": every, "--seed": seed, "--stochastic": stochastic}
     if own := [flag for flag, value in given.items() if value]:
         raise UserError(f"{', '.join(own)}: the tournament {words[0]} has its own", EXIT_CONFIG)
     about = load_about(folder)
     rules = Rules(episodes or about["episodes"], about["seed"], about["stochastic"])
     every, untrained = about.get("every", 1), about.get("untrained", False)
-    mjcf = mjcf or about.get("mjcf", "")
-    return Plan(folder, about["words"], rules, every, untrained, mjcf, load_result(folder))
+    mjcf, spawn, before = mjcf or about.get("mjcf", ""), about.get("spawn", ""), load_result(folder)
+    return Plan(folder, about["words"], rules, every, untrained, mjcf, spawn, before)
 
 
 def robustness(
@@ -112,6 +113,7 @@ def robustness(
         skip_bad=skip_bad,
         allow_mismatch=allow_mismatch,
         mjcf=planned.mjcf,
+        spawn=planned.spawn,
     )
     changes, left_out = changes_of(field.config, wanted, together)
     flight = _Flight(planned, field)

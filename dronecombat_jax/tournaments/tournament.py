@@ -24,6 +24,7 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import digest_of, environment
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.sides import DUEL, spelt
+from dronecombat_jax.config.starts import AS_TRAINED
 from dronecombat_jax.errors import EXIT_STOPPED, EXIT_TOURNAMENT
 from dronecombat_jax.files.atomic import cannot_write, sweep
 from dronecombat_jax.files.lock import exclusive_lock
@@ -58,6 +59,7 @@ def tournament(
     cells: Cells | None = None,
     flights: int = 0,
     mjcf: str = "",
+    spawn: str = AS_TRAINED,
     about: Mapping[str, Any] | None = None,
 ) -> int:
     """Fly, or go on with, the tournament of everybody whom `words` name; returns an exit code.
@@ -66,11 +68,11 @@ def tournament(
     with. `cells` chooses the cells to be flown (default: all); what was flown before is part of the
     result in any case. `about`: plain JSON for `result.json`, too. `flights`: how many fights of
     each run's two sides of one chunk are recorded. `mjcf`: the file of the drone or scene to fly,
-    instead of where their runs left it. 0: complete; 5: complete but for players who could not be
+    instead of where their runs left it. `spawn`: where fights start (`config.starts`). 0: complete; 5: complete but for players who could not be
     read (`skip_bad`); 75: stopped by a signal and saved. Raises UserError: 2 and 3 as `read_field`,
     73 where the folder cannot be written.
     """
-    path = run_path(root, name or default_name(words))
+    path = run_path(root, name or default_name(words, spawn))
     print("reading and verifying everybody ...", flush=True)
     field = read_field(
         words,
@@ -79,6 +81,7 @@ def tournament(
         skip_bad=skip_bad,
         allow_mismatch=allow_mismatch,
         mjcf=mjcf,
+        spawn=spawn,
     )
     defenders, attackers = ([seat.entrant for seat in side] for side in field.seats)
     combat = Combat(field.config)
@@ -116,6 +119,7 @@ def tournament(
                 "every": every,
                 "untrained": untrained,
                 "mjcf": mjcf,
+                "spawn": spawn,
                 **(about or {}),
             },
         )
@@ -123,9 +127,9 @@ def tournament(
     return EXIT_TOURNAMENT if field.bad else 0
 
 
-def default_name(words: Sequence[str]) -> str:
+def default_name(words: Sequence[str], spawn: str = AS_TRAINED) -> str:
     """A folder's name made of those of the runs and files, or of the scripted pilots where there
-    are no others.
+    are no others, and of other starts than theirs.
     """
     trained = [
         Path(word).resolve().name.removesuffix(POLICY_SUFFIX)
@@ -133,6 +137,7 @@ def default_name(words: Sequence[str]) -> str:
         if not _scripted(word)
     ]
     names = trained or [word.removeprefix(SCRIPTED_PREFIX) for word in words]
+    names += [] if spawn in ("", AS_TRAINED) else [spawn]
     return (
         re.sub(r"[^A-Za-z0-9._-]", "-", "-".join(dict.fromkeys(names)))[:100].lstrip(".")
         or "tournament"

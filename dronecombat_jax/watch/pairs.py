@@ -132,6 +132,7 @@ def _field(result: TournamentResult, about: Mapping[str, Any]) -> Field:
         skip_bad=True,
         allow_mismatch=True,
         mjcf=str(about.get("mjcf", "")),
+        spawn=str(about.get("spawn", "")),
     )
     if digest_of(environment(field.config)) != about["environment_digest"]:
         raise UserError("the game of the policies is not that of the tournament any more")

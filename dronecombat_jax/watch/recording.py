@@ -5,7 +5,6 @@ What does not live here: who flies (`flyers`), counting outcomes (`evaluation`).
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ from dronecombat_jax.arena.lanes import fight_key, start_states
 from dronecombat_jax.arena.match import Team, policy_team, record, scripted_team, trajectory
 from dronecombat_jax.arena.players import content_words
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config.fields import Config, LearnConfig
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.types import EnvState, FightRecord, Policy, Trajectory
 from dronecombat_jax.watch.flyers import Flyer
 
@@ -31,15 +30,7 @@ class Filming(NamedTuple):
     fights: int = 9
     seed: int = 0  # of the start states
     stochastic: bool = False  # draw the policies' actions instead of taking their mean
-    spawn: str = ""  # "fixed" (the three points themselves) or "uniform"; "": as the run
-
-
-def game_with_starts(config: Config, spawn: str) -> Config:
-    """The game with other starts; "" leaves them as they are."""
-    if not spawn:
-        return config
-    game = replace(config.game, spawn=spawn, spawn_spread=0.0, defender_spread=0.0)
-    return replace(config, game=game)
+    spawn: str = ""  # starts (`config.starts`); "": those of the run
 
 
 def recorder(combat: Combat, filming: Filming) -> Record:

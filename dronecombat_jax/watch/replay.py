@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.games import game_of
+from dronecombat_jax.config.starts import with_starts
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.report.replay_data import Fight, replay_data
@@ -30,7 +31,7 @@ from dronecombat_jax.watch.flyers import (
     read_crew,
     run_name,
 )
-from dronecombat_jax.watch.recording import Filming, game_with_starts, recorder
+from dronecombat_jax.watch.recording import Filming, recorder
 
 PAGE_SUFFIX = ".html"
 SUFFIXES = (PAGE_SUFFIX, *FILMS)
@@ -146,7 +147,7 @@ def _fly(
     evolution: bool,
     say: Callable[[str], None] = lambda _: None,
 ) -> Replay:
-    combat = Combat(game_with_starts(crew.config, filming.spawn))
+    combat = Combat(with_starts(crew.config, filming.spawn))
     rules = rules_of(combat.config, combat.scene)
     if evolution:
         return _evolution(crew, named, combat, filming, rules, say)
@@ -191,7 +192,7 @@ def _evolution(
 
 
 def _film(crew: Crew, filming: Filming, path: Path) -> int:
-    combat = Combat(game_with_starts(crew.config, filming.spawn))
+    combat = Combat(with_starts(crew.config, filming.spawn))
     title = _against(crew.flyers, not game_of(crew.config).flies[DEFENDER])
     print(f"flying a fight and filming it: {title}", flush=True)
     (fight,) = recorder(combat, filming._replace(fights=1))(*crew.flyers)

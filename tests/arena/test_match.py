@@ -1,6 +1,7 @@
 """Matches: `fight` against `record` against a plain loop, and one fight cut out of a record."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -151,6 +152,9 @@ def test_trajectory_is_cut_at_the_fights_end(
         assert fight.control_dt == 0.02
 
 
+plain_pilot: Any = policy_pilot  # of policies that remember nothing
+
+
 def test_policy_pilot_flies_its_roles_row():
     """A linear policy that returns the first four numbers of its scaled observation."""
     copy = jnp.eye(35, 4)
@@ -159,17 +163,17 @@ def test_policy_pilot_flies_its_roles_row():
     observation = jnp.arange(2 * 2 * 35, dtype=jnp.float32).reshape(2, 2, 35) / 20.0
     learn = LearnConfig()
     for role in (DEFENDER, ATTACKER):
-        action = policy_pilot(learn, policy, role)(None, observation, KEY)
+        action = plain_pilot(learn, policy, role)(None, observation, KEY)
         expected = np.clip((observation[:, role, :4] - 1.0) / 2.0, -5, 5)
         np.testing.assert_allclose(action, expected, rtol=1e-5)
-        drawn = policy_pilot(learn, policy, role, stochastic=True)(None, observation, KEY)
+        drawn = plain_pilot(learn, policy, role, stochastic=True)(None, observation, KEY)
         # its log-std is at the lower bound
         np.testing.assert_allclose(drawn[:, 0], expected[:, 0], atol=1e-6)
         assert np.all(drawn[:, 1:] != expected[:, 1:])
         np.testing.assert_array_equal(
-            drawn, policy_pilot(learn, policy, role, True)(None, observation, KEY)
+            drawn, plain_pilot(learn, policy, role, True)(None, observation, KEY)
         )
-        raw = policy_pilot(LearnConfig(normalize_observations=False), policy, role)(
+        raw = plain_pilot(LearnConfig(normalize_observations=False), policy, role)(
             None, observation, KEY
         )
         np.testing.assert_allclose(raw, observation[:, role, :4])

@@ -17,6 +17,7 @@ DEFAULTS = {
     "every": 1,
     "untrained": False,
     "flights": 0,
+    "spawn": "as_trained",
     "mjcf": "",
     "skip_bad": False,
     "allow_mismatch": False,
@@ -46,6 +47,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list:
     [
         ("ippo sippo scripted:all", ["ippo", "sippo", "scripted:all"], Rules(), {}),
         ("--episodes 7 ippo --seed=3 x.safetensors --stochastic a", ["ippo", "x.safetensors", "a"], Rules(7, 3, True), {}),
+        ("pilots:all --spawn even", ["pilots:all"], Rules(), {"spawn": "even"}),
         ("ippo --skip_bad --every 10 --name --allow-env-mismatch", None, None, None),
         ("--skip-bad ippo --every 10 --name mine b --allow-env-mismatch --untrained", ["ippo", "b"], Rules(),
          {"skip_bad": True, "every": 10, "name": "mine", "allow_mismatch": True, "untrained": True}),

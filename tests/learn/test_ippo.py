@@ -254,7 +254,9 @@ def test_values_of_successors(bootstrap):
     )
     now, final = (jnp.asarray(rng.normal(size=(6, 3, 2, 35)), jnp.float32) for _ in range(2))
     truncated = jnp.asarray(rng.random((6, 3)) < 0.3).at[2].set(False)
-    rollout = SimpleNamespace(observation=now, final_observation=final, truncated=truncated)
+    rollout = SimpleNamespace(
+        observation=now, final_observation=final, truncated=truncated, recall=None
+    )
 
     def worth(row: jax.Array) -> float:
         return float(

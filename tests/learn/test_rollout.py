@@ -95,7 +95,7 @@ def test_the_authors_setting_clips_the_action_and_takes_its_log_probability(lear
     learn = replace(LEARN, clip_actions=True)
     observation = jax.random.normal(jax.random.key(4), (NUM_ENVS, 2, 35))
     noise = 3.0 * jax.random.normal(jax.random.key(5), (NUM_ENVS, 2, 4))
-    action, log_prob = act(learn, flying(learners), observation, noise)
+    action, log_prob, _ = act(learn, flying(learners), observation, noise)
     assert np.abs(action).max() == 1.0
     mean = policy_mean(learn, flying(learners)[1], observation[:, 1])
     expected = stats.norm.logpdf(action[:, 1], mean, np.exp([-1.0, 0.0, 0.5, 2.0])).sum(-1)

@@ -161,8 +161,15 @@ def test_arrays_that_cannot_fly(path, tensors, words):
         ({"format": None}, "no policy of dronecombat"),
         ({"format": "pt"}, "no policy of dronecombat"),
         (
-            {"format_version": "2"},
-            "it has format 2, this version reads up to 1: upgrade dronecombat-jax",
+            {"format_version": "3"},
+            "it has format 3, this version reads up to 2: upgrade dronecombat-jax",
+        ),
+        ({"format_version": "2"}, "metadata memory is missing: expected frames"),
+        ({"format_version": "2", "memory": "none"}, "metadata memory is none: expected frames"),
+        ({"format_version": "2", "memory": "frames 65"}, "metadata memory is frames 65"),
+        (
+            {"format_version": "2", "memory": "frames 3"},
+            "weights.0: expected float32[105,16], got float32[35,16]",
         ),
         ({"format_version": "0"}, "metadata format_version is 0: expected 1"),
         ({"format_version": "-1"}, "metadata format_version is -1"),

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from policies import assert_same_actions, make_info, make_policy, observations
@@ -16,7 +17,8 @@ from policy_files import write
 
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.files import tensorfile
-from dronecombat_jax.learn.rollout import policy_mean
+from dronecombat_jax.learn.memory import memory_size
+from dronecombat_jax.learn.rollout import policy_mean, policy_step
 from dronecombat_jax.policies import numpy_policy
 from dronecombat_jax.policies.file import (
     save_policy,
@@ -41,6 +43,27 @@ def test_numpy_alone_gives_the_same_actions(path, sizes, normalize):
             np.stack([alone(one) for one in seen[:20]]), np.asarray(ours(seen))[:20]
         )
     assert alone(np.zeros(35)).shape == (4,) and alone(np.zeros(35)).dtype == np.float32
+
+
+@pytest.mark.parametrize("normalize", [True, False])
+def test_numpy_alone_remembers_what_the_policy_remembers(path, normalize):
+    """Step by step, fights side by side and one alone, and again after it has forgotten."""
+    policy = make_policy((3 * 35, 8, 4), seed=2, frames=3)
+    info = make_info(layer_sizes=(35, 8, 4), memory="frames 3")
+    save_policy(path, policy, info._replace(normalize_observations=normalize))
+    alone, learn = NumpyPolicy(path), LearnConfig(normalize_observations=normalize)
+    assert alone.about["memory"] == "frames 3" and alone.about["format_version"] == "2"
+    seen = observations(policy, 1.0, normalize).reshape(32, 8, 35)
+    recall, wanted = jnp.zeros((8, memory_size(policy))), []
+    step = jax.jit(lambda seen, recall: policy_step(learn, policy, seen, recall))
+    for now in seen:
+        mean, recall = step(now, recall)
+        wanted.append(np.asarray(mean))
+    assert_same_actions(np.stack([alone(now) for now in seen]), np.stack(wanted))
+    assert np.abs(alone(seen[0]) - wanted[0]).max() > 1e-3  # another fight is remembered
+    alone.reset()
+    flown = np.stack([alone(now) for now in seen[:, 3]])
+    assert_same_actions(flown, np.stack(wanted)[:, 3])
 
 
 def test_the_clip_acts_on_far_observations(path):

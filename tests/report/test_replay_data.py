@@ -3,15 +3,20 @@
 import base64
 import json
 
+import jax
 import numpy as np
 import pytest
 from duels import CONTROL_DT, RULES, duel, fights
 
+from dronecombat_jax.arena.match import drawn_numbers
+from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.config.fields import GameConfig
+from dronecombat_jax.config.fields import Config, GameConfig, RandomiseConfig, SimConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.report.endings import verdict
 from dronecombat_jax.report.replay_data import MOST_STATES, Fight, replay_data
+from dronecombat_jax.report.shown_rules import rules_of
+from dronecombat_jax.sim.scene import load_scene
 from dronecombat_jax.types import Cause, Outcome
 
 
@@ -51,6 +56,34 @@ def test_long_fights_are_thinned_out_and_keep_their_end(count: int, steps: int, 
         fights(1, steps)[0].trajectory.qpos[-1, 7:10], abs=1e-3
     )
     assert thinned[0]["result"]["time"] == pytest.approx(steps * CONTROL_DT)
+
+
+def test_what_was_drawn_for_the_drones_is_written_down():
+    """For each fight and drone, over the nominal numbers; nothing where nothing was drawn."""
+    config = Config(randomise=RandomiseConfig(mass=0.2, lag=0.4), sim=SimConfig(actuation="rotors"))
+    combat = Combat(config)
+    start = jax.vmap(combat.spawn)(combat.start_numbers(jax.random.key(0), (3,)))
+    assert start.craft is not None and start.craft.drawn is not None
+    drawn = drawn_numbers(config, start, 1)
+    assert drawn.keys() == {"mass", "lag"}
+    np.testing.assert_array_equal(drawn["lag"], np.asarray(start.craft.drawn.lag)[1])
+    first, second = data_of(duel(), duel()._replace(drawn=drawn))
+    assert "drawn" not in first
+    assert second["drawn"] == {name: each.round(4).tolist() for name, each in drawn.items()}
+    assert drawn_numbers(Config(), start.replace(craft=None), 1) == {}
+
+
+@pytest.mark.parametrize(
+    ("sim", "full"),
+    [
+        (SimConfig(), 1.9 * 0.0282 * 9.81),
+        (SimConfig(body="brushless", actuation="ctbr"), 4 * 0.2),
+        (SimConfig(body="brushless", actuation="mixed", thrust_to_weight=1.5), 1.5 * 0.0393 * 9.81),
+    ],
+)
+def test_a_page_knows_the_full_thrust(sim: SimConfig, full: float):
+    rules = rules_of(Config(sim=sim), load_scene(sim))
+    assert rules.thrust == pytest.approx((full, full), rel=1e-6)
 
 
 def test_a_diverged_flight_is_shown_up_to_its_last_number():

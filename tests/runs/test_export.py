@@ -4,6 +4,7 @@ import hashlib
 import sys
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import jax
 import numpy as np
@@ -117,11 +118,29 @@ def test_file_and_run_draw_with_the_log_std_that_was_flown(here, case):
         assert contender.player and isinstance(contender.player.pilot, Policy)
         np.testing.assert_array_equal(contender.player.pilot.log_std, np.float32(flown))
     seen = np.zeros((1, 2, 35), np.float32)
-    drawn = [policy_pilot(config.learn, policy, 0, draw)(None, seen, KEY) for draw in (False, True)]
+    pilot: Any = policy_pilot
+    drawn = [pilot(config.learn, policy, 0, draw)(None, seen, KEY) for draw in (False, True)]
     noise = jax.random.normal(KEY, (1, 4))
     np.testing.assert_allclose(
         drawn[1] - drawn[0], np.exp(np.float32(flown)) * noise, rtol=1e-4, atol=1e-6
     )
+
+
+def test_a_policy_with_memory_says_so_in_its_file_and_in_no_other(here, capsys):
+    learn = replace(CONFIG.learn, memory="frames", frames=3)
+    run = begun(here / "run", replace(CONFIG, learn=learn), (0,))
+    assert export(run, "--role", "attacker", "--seed", "6", "out.safetensors") == 0
+    policy, info = load_policy(here / "out.safetensors")
+    assert info.memory == "frames 3" and info.layer_sizes == (35, 8, 6, 4)
+    wanted = policy_of(jax.tree.map(lambda leaf: leaf[1, 1], run.states[0].learners))
+    for ours, theirs in zip(jax.tree.leaves(policy), jax.tree.leaves(wanted), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    named = find("out.safetensors").contenders[0].entrant
+    assert named.identity == find(str(run.path), untrained=True).contenders[3].entrant.identity
+    capsys.readouterr()
+    assert export(run, "--role", "attacker", "--seed", "6", "out.h") == EXIT_CONFIG
+    assert one_error(capsys).startswith("out.h: a policy with memory (frames 3)")
+    assert not (here / "out.h").exists()
 
 
 def test_within_its_bounds_a_player_keeps_its_identity(run):

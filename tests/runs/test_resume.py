@@ -47,7 +47,10 @@ METHODS = {
         selfplay=SelfPlayConfig(probability=0.5, roles="both"),
     ),
 }
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ippo", "mappo", "teams")]
+METHODS["memory"] = replace(
+    METHODS["teams"], learn=replace(CONFIG.learn, memory="frames", frames=3)
+)
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in METHODS if name != "sippo"]
 
 
 @pytest.fixture(scope="module", params=["sippo", *SLOW])

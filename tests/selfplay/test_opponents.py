@@ -102,7 +102,7 @@ def test_each_place_is_flown_by_whom_the_table_says(flown):
     env = reset_fights(combat, jnp.uint32(5), jnp.int32(0))
     seen = jax.vmap(combat.observe)(env)
     noise = jax.random.normal(jax.random.key(2), (8, NUM_SIDES, 4))
-    action, log_prob = act(config.learn, flying, seen, noise, env)
+    action, log_prob, _ = act(config.learn, flying, seen, noise, env)
     live = [policy_of(select(state.learners, side)) for side in range(NUM_SIDES)]
 
     def drawn(policy: Policy, side: int, at: int) -> jax.Array:

@@ -195,13 +195,13 @@ def test_with_scope_environment_each_one_meets_its_own(toy):
     slots = [0, 3, 3, 1, 2, 4]
     flying = players(config, toy.live, frozen(toy.state, DEFENDER, slots))
     observation = jax.random.normal(jax.random.key(1), (6, 2, 35))
-    action, _ = act(TOY.learn, flying, observation, jnp.zeros((6, 2, 4)))
+    action, *_ = act(TOY.learn, flying, observation, jnp.zeros((6, 2, 4)))
     for env, slot in enumerate(slots):
         past = (
             policy_of(select(toy.generations[slot], DEFENDER)),
             policy_of(select(toy.live, ATTACKER)),
         )
-        alone, _ = act(TOY.learn, past, observation[env : env + 1], jnp.zeros((1, 2, 4)))
+        alone, *_ = act(TOY.learn, past, observation[env : env + 1], jnp.zeros((1, 2, 4)))
         np.testing.assert_allclose(action[env], alone[0], rtol=1e-5, atol=1e-6)
     drawn = choose(
         replace(config, selfplay=replace(config.selfplay, probability=1.0)),

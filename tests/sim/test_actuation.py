@@ -84,10 +84,10 @@ def test_flights_agree_with_double_precision_step_for_step(case: str):
     assert speeds.max() > speeds.min() + 0.2
 
 
-@pytest.mark.parametrize("case", ["rotors", "mixed"])
+@pytest.mark.parametrize("case", ["rotors", "mixed", "ctbr"])
 def test_flights_agree_with_c_mujoco(case: str):
-    """The same rotors in front of C MuJoCo's `implicit` integrator."""
-    sim = FLIGHTS[case]
+    """The same rotors, and the same rate loop, in front of C MuJoCo's `implicit` integrator."""
+    sim = replace(FLIGHTS[case], drag=False)  # C MuJoCo's drag is another
     scene = load_scene(sim)
     starts, actions = start_and_actions(sim)
     qpos, qvel, _ = fly(sim, starts, actions)
@@ -99,7 +99,8 @@ def test_flights_agree_with_c_mujoco(case: str):
     for t in range(STEPS):
         for _ in range(sim.substeps):
             for drone in range(2):
-                now = at_hover(sim, speeds=speeds[drone])
+                rate = data.qvel[scene.qvel[drone]][3:].copy()
+                now = at_hover(sim, speeds=speeds[drone], rate=rate)
                 action = np.clip(actions[t, drone].astype(float), -1, 1)
                 speeds[drone] = spun(sim, now, action)
                 given = allocation(sim.body) @ (ROTORS[sim.body].max_thrust * speeds[drone] ** 2)

@@ -76,4 +76,4 @@ def two_against_two(steps: int = 100) -> Trajectory:
     flat = lambda values: values.reshape(steps + 1, -1)
     action = np.random.default_rng(0).uniform(-1, 1, (steps + 1, 4, 4))
     return Trajectory(time, flat(qpos), flat(qvel), action, np.array(TARGET), int(Cause.REACHED),
-                      CONTROL_DT, sides, down, struck)  # fmt: skip
+                      CONTROL_DT, sides=sides, down=down, struck=struck)  # fmt: skip

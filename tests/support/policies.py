@@ -15,18 +15,20 @@ from dronecombat_jax.types import MLP, Policy, Scaler
 SIZES = (35, 16, 8, 4)
 
 
-def make_policy(sizes: tuple[int, ...] = SIZES, seed: int = 0) -> Policy:
+def make_policy(sizes: tuple[int, ...] = SIZES, seed: int = 0, frames: int = 1) -> Policy:
     """Weights that keep the size of what goes through them, a last layer that makes actions that a
-    drone can fly, and a scaler far from mean 0 and variance 1.
+    drone can fly, and a scaler far from mean 0 and variance 1. It sees its last `frames`
+    observations, `sizes[0]` numbers in all.
     """
     rng = np.random.default_rng(seed)
     draw = lambda *shape: rng.standard_normal(shape, np.float32)
     weights = tuple(draw(a, b) * np.float32(a**-0.5) for a, b in itertools.pairwise(sizes))
     weights[-1][:] *= np.float32(0.05)
     biases = tuple(draw(size) / 8 for size in sizes[1:])
-    variance = np.float32(10.0) ** draw(sizes[0])
+    seen = sizes[0] // frames
+    variance = np.float32(10.0) ** draw(seen)
     return Policy(
-        MLP(weights, biases), draw(sizes[-1]), Scaler(3 * draw(sizes[0]), variance, np.float32(1e6))
+        MLP(weights, biases), draw(sizes[-1]), Scaler(3 * draw(seen), variance, np.float32(1e6))
     )
 
 

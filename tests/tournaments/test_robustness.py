@@ -15,10 +15,11 @@ from tournaments import words
 from toy import Coasting
 
 from dronecombat_jax.arena import round_robin as arena_tournament
+from dronecombat_jax.cli import commands
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, EXIT_STOPPED, UserError
 from dronecombat_jax.report.robustness_figure import robustness_figure
-from dronecombat_jax.tournaments import flying, robustness
+from dronecombat_jax.tournaments import flying, reality, robustness
 from dronecombat_jax.tournaments import tournament as tournaments
 from dronecombat_jax.tournaments.result_file import load_result
 
@@ -136,3 +137,26 @@ def test_pairs_that_a_tournament_left_out_are_left_out(alone: SimpleNamespace):
     ]
     asked = robustness._flown_in(part, some)
     np.testing.assert_array_equal(asked, [[True, True, False], [False] * 3, [True, True, False]])
+
+
+@pytest.mark.slow
+def test_the_command_flies_real_gaps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    """In MJX: late sensors alone change nothing for scripted pilots; half the thrust does."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(arena_tournament, "CPU_LAYOUT", LAYOUT)
+    monkeypatch.setitem(
+        reality.GAPS, "weak", reality.Gap("weak", "weak", reality._factor("thrust", 0.5))
+    )
+    words = ["scripted:hover_guard", "scripted:pure_pursuit", "scripted:dash", "scripted:weave"]
+    gaps = "weak,limits,drag,latency_80"
+    assert (
+        commands.main(["robustness", *words, "--gaps", gaps, "--episodes", "3", "--name", "s"]) == 0
+    )
+    folder = tmp_path / "tournaments" / "s" / robustness.FOLDER
+    report = json.loads((folder / robustness.FILE).read_text())
+    rows = {(row["gap"], row["drones"], row["role"]): row for row in report["rows"]}
+    assert len(rows) == 2 + 2 + 2 + 2
+    assert rows["latency_80", "defender", "defender"]["loss"] == 0.0  # they know the state itself
+    assert rows["weak", "attacker", "attacker"]["loss"] > 0.3  # it cannot even hover
+    assert (folder / "robustness.png").stat().st_size > 10_000
+    assert "written to" in capsys.readouterr().out

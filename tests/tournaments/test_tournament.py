@@ -15,6 +15,7 @@ from tournaments import assert_same, from_letters, words
 
 from dronecombat_jax.analysis.panel import cells_needed
 from dronecombat_jax.analysis.result import by_training
+from dronecombat_jax.config.starts import EVEN_SETBACK
 from dronecombat_jax.errors import (
     EXIT_CANNOT_WRITE,
     UserError,
@@ -45,6 +46,18 @@ def test_the_result_is_whole(alone: SimpleNamespace):
         False,
         108,
     )
+
+
+def test_from_other_starts_it_is_another_tournament(
+    runs: Path, alone: SimpleNamespace, place: SimpleNamespace
+):
+    assert place.fly(*words(runs), spawn="even") == 0
+    result, about = load_result(place.folder), load_about(place.folder)
+    assert about["environment_digest"] != load_about(alone.folder)["environment_digest"]
+    assert about["environment"]["game.defender_setback"] == EVEN_SETBACK
+    assert about["spawn"] == "even" and any("even" in line for line in about["notices"])
+    assert np.any(result.steps != alone.result.steps)
+    assert default_name(["a", "b"], "even") == "a-b-even"
 
 
 def test_some_cells_alone_and_then_the_rest(

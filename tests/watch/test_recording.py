@@ -15,7 +15,7 @@ from dronecombat_jax.arena.players import content_words
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.watch import recording
 from dronecombat_jax.watch.flyers import Flyer
-from dronecombat_jax.watch.recording import Filming, game_with_starts, recorder
+from dronecombat_jax.watch.recording import Filming, recorder
 
 LEARN = LearnConfig(hidden_sizes=(16, 8))
 POLICIES = [
@@ -65,11 +65,3 @@ def test_policies_of_one_shape_share_a_program(combat: Coasting, monkeypatch: py
 def test_a_scripted_pilot_flies_beside_a_policy(combat: Coasting):
     (flown,) = recorder(combat, Filming(1))(HOVER, POLICIES[1])
     assert np.isfinite(flown.qpos).all() and len(flown.time) > 1
-
-
-@pytest.mark.parametrize("spawn", ["", "fixed", "uniform"])
-def test_other_starts(spawn: str):
-    game = game_with_starts(TOY, spawn).game
-    assert (game.spawn, game.spawn_spread) == (
-        (spawn, 0.0) if spawn else (TOY.game.spawn, TOY.game.spawn_spread)
-    )

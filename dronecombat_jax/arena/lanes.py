@@ -26,7 +26,7 @@ from dronecombat_jax.arena.match import (
 from dronecombat_jax.arena.players import Kind
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.observe import layout_of
-from dronecombat_jax.combat.scripted import PILOTS, build_pilot, one_per_fight
+from dronecombat_jax.combat.scripted import PILOTS, PLANNERS, build_pilot, one_per_fight
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.sides import team
@@ -186,8 +186,9 @@ def _pilot(
         policies = _policies(kind, side.policies, side, drone, keys)
         policies = _seeing(combat, kind.observation, policies)
     role = drone.role
+    names = [PLANNERS[role]] if kind.plans else PILOTS[role]
     pilots = (
-        [build_pilot(name, combat.config, combat.scene, role, drone.place) for name in PILOTS[role]]
+        [build_pilot(name, combat.config, combat.scene, role, drone.place) for name in names]
         if kind.scripted
         else []
     )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecombat_jax.combat.observe import layout_of
-from dronecombat_jax.combat.scripted import PILOTS
+from dronecombat_jax.combat.scripted import PILOTS, PLANNERS
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
@@ -40,18 +40,22 @@ class Kind(NamedTuple):
     observation: str = ""  # what the policies see, as in `Player`
     memory: int = 0  # numbers that the policies remember of a fight
     others: int = 0  # units of their layer for slots of others (`types.Encoder`); 0: none
+    plans: bool = False  # the side's planner flies, and nobody else
 
 
 def alike(players: Sequence[Player]) -> list[list[int]]:
     """Indices of players by network; scripted pilots join the first, so that they need no program
-    of their own.
+    of their own. A planner has one: it is far dearer than the others.
     """
     groups: dict[Any, list[int]] = {}
     for index, player in enumerate(players):
-        groups.setdefault(_network(player), []).append(index)
+        group = player.pilot if _plans(player) else _network(player)
+        groups.setdefault(group, []).append(index)
     scripted = groups.pop(None, [])
+    planners = [groups.pop(name) for name in PLANNERS.values() if name in groups]
     first, *others = list(groups.values()) or [[]]
-    return [sorted([*first, *scripted]), *others]
+    together = sorted([*first, *scripted])
+    return [*([together] if together or not planners else []), *others, *planners]
 
 
 def kind_of(players: Sequence[Player]) -> Kind:
@@ -59,7 +63,8 @@ def kind_of(players: Sequence[Player]) -> Kind:
     networks = {_network(player) for player in players}
     nothing = ((), False, "", 0, 0)
     sizes, normalize, observation, memory, others = next(filter(None, networks), nothing)
-    return Kind(sizes, normalize, None in networks, observation, memory, others)
+    plans = any(map(_plans, players))
+    return Kind(sizes, normalize, None in networks, observation, memory, others, plans)
 
 
 def stack(players: Sequence[Player]) -> Policy | None:
@@ -75,8 +80,8 @@ def stack(players: Sequence[Player]) -> Policy | None:
 
 
 def scripted_numbers(players: Sequence[Player], role: int) -> NDArray[np.int32]:
-    """The number of each scripted pilot in `PILOTS`, -1 for a policy; [P]."""
-    names = list(PILOTS[role])
+    """The number of each scripted pilot in `PILOTS`, 0 for a planner, -1 for a policy; [P]."""
+    names = [PLANNERS[role]] if any(map(_plans, players)) else list(PILOTS[role])
     return np.asarray(
         [names.index(player.pilot) if isinstance(player.pilot, str) else -1 for player in players],
         np.int32,
@@ -103,6 +108,10 @@ def refuse_other_shape(label: str, pilot: Policy | str, config: Config, layout: 
 def content_words(identity: str) -> NDArray[np.uint32]:
     """Two 32-bit words [2] of a player's identity, for its keys."""
     return np.frombuffer(hashlib.sha256(identity.encode()).digest()[:8], "<u4").astype(np.uint32)
+
+
+def _plans(player: Player) -> bool:
+    return isinstance(player.pilot, str) and player.pilot in PLANNERS.values()
 
 
 def _network(player: Player) -> tuple[tuple[int, ...], bool, str, int, int] | None:

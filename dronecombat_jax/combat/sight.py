@@ -103,8 +103,8 @@ def observe_nearest(
     groups = []
     for group in (allied & ~np.eye(count, dtype=bool), ~allied):
         shown = jnp.asarray(group) if seen is None else group & seen
-        known: jax.Array = jnp.where(shown, distance, jnp.inf)
-        nearest = jnp.argsort(known, axis=-1)[:, :k, None]
+        known = jnp.where(jnp.asarray(shown), distance, jnp.inf)
+        nearest = jnp.argsort(jnp.asarray(known), axis=-1)[:, :k, None]
         slots = jnp.take_along_axis(jnp.where(shown[..., None], described, 0.0), nearest, axis=1)
         groups.append(jnp.pad(slots, ((0, 0), (0, max(k - count, 0)), (0, 0))).reshape(count, -1))
     return jnp.concatenate([own_state(drones, target), *groups], axis=-1)

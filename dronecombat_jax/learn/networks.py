@@ -117,11 +117,11 @@ def encode(others: Encoder, x: jax.Array) -> jax.Array:
     slots = slots.reshape(len(GROUPS), -1, SLOT_SIZE, *x.shape[1:])
     parts = [own]
     for weight, bias, group in zip(others.weights, others.biases, slots, strict=True):
-        seen = group[:, -1] > 0.5  # [k, ...]
+        seen = jnp.asarray(group[:, -1] > 0.5)  # [k, ...]
         units = elu(_affine(weight, bias, jnp.moveaxis(group[:, :-1], 1, 0)))  # [E, k, ...]
         count = jnp.maximum(jnp.sum(seen, axis=0), 1)
-        counted: jax.Array = jnp.where(seen, units, 0.0)
-        parts.append(jnp.sum(counted, axis=1) / count)
+        counted = jnp.where(seen, units, 0.0)
+        parts.append(jnp.sum(jnp.asarray(counted), axis=1) / count)
         parts.append(jnp.any(seen, axis=0)[None].astype(x.dtype))
     return jnp.concatenate(parts)
 

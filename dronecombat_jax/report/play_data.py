@@ -11,6 +11,7 @@ import numpy as np
 
 from dronecombat_jax.combat.games import DUEL, game_of
 from dronecombat_jax.combat.rules import outcome_table
+from dronecombat_jax.combat.scripted import PLANNERS
 from dronecombat_jax.combat.starts import ARENA_HALF_WIDTH, places
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
@@ -101,6 +102,11 @@ def opponent_data(opponent: Opponent) -> Data:
     """
     label = one_line(opponent.label)
     if isinstance(opponent.pilot, str):
+        if opponent.pilot in PLANNERS.values():
+            raise UserError(
+                f"{opponent.pilot} looks ahead, which the page's own code cannot: take another "
+                "pilot. dronecombat replay shows its fights"
+            )
         return {"label": label, "scripted": opponent.pilot}
     if memory_size(opponent.pilot):
         raise UserError(

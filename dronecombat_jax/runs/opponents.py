@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dronecombat_jax.combat.scripted import PILOTS
+from dronecombat_jax.combat.scripted import names_of
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import Row, table
 from dronecombat_jax.config.schema import one_line
@@ -76,8 +76,8 @@ def read_named(config: Config) -> Frozen:
     that cannot be read or knows another game.
     """
     for row in table(config):
-        if row.scripted and row.scripted not in PILOTS[row.side]:
-            known = ", ".join(PILOTS[row.side])
+        if row.scripted and row.scripted not in names_of(row.side):
+            known = ", ".join(names_of(row.side))
             raise UserError(
                 f"{one_line(row.name)}: no scripted {SIDES[row.side]} has this name ({known})",
                 EXIT_CONFIG,

@@ -14,7 +14,7 @@ from dronecombat_jax.analysis.result import SCRIPTED, Entrant
 from dronecombat_jax.arena.players import Player
 from dronecombat_jax.combat.fingerprint import environment
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.combat.scripted import PILOTS
+from dronecombat_jax.combat.scripted import PILOTS, names_of
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import learns
 from dronecombat_jax.config.opponents import method as method_of
@@ -90,10 +90,10 @@ def _player(policy: Policy, normalize: bool) -> Player:
 
 
 def _scripted(name: str) -> list[Contender]:
-    known = [(role, pilot) for role, pilots in PILOTS.items() for pilot in pilots]
-    chosen = [(role, pilot) for role, pilot in known if name in (ALL, pilot)]
+    named = [(role, pilot) for role in PILOTS for pilot in names_of(role) if pilot == name]
+    chosen = [(role, pilot) for role in PILOTS for pilot in PILOTS[role]] if name == ALL else named
     if not chosen:
-        names = "; ".join(f"{SIDES[role]}s: {', '.join(pilots)}" for role, pilots in PILOTS.items())
+        names = "; ".join(f"{SIDES[role]}s: {', '.join(names_of(role))}" for role in PILOTS)
         raise UserError(
             f"{one_line(SCRIPTED_PREFIX + name)}: no scripted pilot has this name ({names}; or {ALL})"
         )

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from dronecombat_jax.arena.players import refuse_other_shape
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.combat.scripted import PILOTS
+from dronecombat_jax.combat.scripted import PILOTS, names_of
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.opponents import stands_for
@@ -230,7 +230,7 @@ def _wanted(named: Named, role: int, run: RunDirectory | None) -> Flyer:
         if run is None:
             raise UserError(f"{flag}: a chunk number needs a RUN that it belongs to")
         return of_run(run, role, int(word), named.run_seed)
-    names = {name for pilots in PILOTS.values() for name in pilots}
+    names = {name for side in PILOTS for name in names_of(side)}
     if word in names or _is_player(word):
         its_role, flyer, _ = _player(f"{SCRIPTED_PREFIX}{word}" if word in names else word)
         if its_role != role:
@@ -240,7 +240,7 @@ def _wanted(named: Named, role: int, run: RunDirectory | None) -> Flyer:
     try:
         other = RunDirectory(find_run(path))
     except UserError as error:
-        pilots = ", ".join(PILOTS[role])
+        pilots = ", ".join(names_of(role))
         kinds = f"no chunk number, no scripted pilot ({pilots}), no policy file"
         raise UserError(f"{flag}: {kinds}, and {error.message}") from None
     return of_run(other, role, chunk, -1)

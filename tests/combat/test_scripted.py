@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dronecombat_jax.combat import autopilot, scripted
+from dronecombat_jax.combat import autopilot, guidance, scripted
 from dronecombat_jax.config.fields import Config, SimConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, EnvState
@@ -135,7 +135,7 @@ def test_full_thrust_holds_what_is_asked_across(body: autopilot.Airframe):
     """|across + s along - gravity| is the full thrust, and the part across is kept."""
     along = jnp.array([[0.6, 0.8, 0.0], [0.6, 0.0, 0.8], [0.8, 0.0, -0.6]])
     across = jnp.array([[-0.8, 0.6, 0.5], [0.0, 3.0, 0.0], [0.0, -2.0, 0.0]])
-    wanted = scripted._full_thrust(body, along, across)
+    wanted = guidance.full_thrust(body, along, across)
     part = jnp.sum(wanted * along, axis=-1, keepdims=True)
     np.testing.assert_allclose(wanted - part * along, across, atol=1e-4)
     force = np.asarray(wanted + jnp.array([0, 0, body.gravity]))

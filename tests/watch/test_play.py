@@ -152,6 +152,11 @@ def test_a_page_is_html_and_its_place_can_be_written(home: Path):
     assert raised.value.exit_code == EXIT_CANNOT_WRITE
 
 
+def test_a_planner_is_refused_by_the_page():
+    with pytest.raises(UserError, match=r"evasion_planner looks ahead, which the page's own code"):
+        room.play_data(read_opponents(("scripted:evasion_planner",)))
+
+
 @pytest.mark.parametrize("field", ["scenario", "observation"])
 def test_parts_of_ones_own_are_refused(field: str, tmp_path: Path, monkeypatch):
     code = "from dronecombat_jax.combat.games import DUEL\n"

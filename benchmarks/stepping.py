@@ -66,7 +66,9 @@ def environment(combat: Any, size: Size) -> Any:
             return following, output.reward.sum() + output.observation.sum()
 
         start = jax.vmap(combat.spawn)(combat.start_numbers(first, shape[1:]))
-        action = jax.random.uniform(actions, (*shape, 2, 4), minval=-1.0, maxval=1.0)
+        action = jax.random.uniform(
+            actions, (*shape, len(combat.sides), 4), minval=-1.0, maxval=1.0
+        )
         return jax.lax.scan(step, start, (action, combat.start_numbers(spawns, shape)))
 
     return fly
@@ -137,5 +139,5 @@ def gentle(combat: Any, size: Size, key: Any) -> Any:
     from dronecombat_jax.sim.flight import hover_command
 
     hover = hover_command(combat.config.sim.thrust_to_weight)
-    noise = 1e-3 * jax.random.normal(key, (size.flown_steps, size.num_envs, 2, 4))
+    noise = 1e-3 * jax.random.normal(key, (size.flown_steps, size.num_envs, len(combat.sides), 4))
     return noise.at[..., 0].add(hover)

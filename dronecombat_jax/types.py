@@ -144,12 +144,22 @@ class MLP(struct.PyTreeNode):
     others: Encoder | None = None  # before the first layer; None: it sees the slots side by side
 
 
+class GRU(struct.PyTreeNode):
+    """A gated recurrent unit of H numbers; columns: reset, update, candidate (`learn.recurrent`)."""
+
+    weights: jax.Array  # [in, 3 H]
+    state_weights: jax.Array  # [H, 3 H]
+    biases: jax.Array  # [3 H]
+    candidate_bias: jax.Array  # [H], of the state's part of the candidate, behind the reset gate
+
+
 class Parameters(struct.PyTreeNode):
     """What one agent learns; nothing is shared between agents or between the two networks."""
 
     policy: MLP  # observation -> mean of the action
     log_std: jax.Array  # [4]
     value: MLP  # observation, or the whole state -> normalised value
+    gru: GRU | None = None  # observation -> what policy and value see beside it; None: nothing
 
 
 class Scaler(struct.PyTreeNode):
@@ -206,6 +216,9 @@ class Batch(NamedTuple):
     weight: jax.Array  # [...] 1 where the policy learns from the step, else 0
     value_weight: jax.Array  # [...] 1 where the value function does
     whole: jax.Array | None = None  # [..., 37] normalised, what a central critic sees
+    # Of policies with a GRU alone, whose batch is cut by environments; leading axes [T, N]:
+    recall: jax.Array | None = None  # [..., M] what was remembered before the step
+    fresh: jax.Array | None = None  # [...] bool, the step is a fight's first, but at the start
 
 
 class UpdateMetrics(NamedTuple):
@@ -247,6 +260,7 @@ class Policy(struct.PyTreeNode):
     network: MLP
     log_std: jax.Array  # [4]
     observation_scaler: Scaler  # [35]
+    gru: GRU | None = None  # observation -> what the network sees beside it; None: nothing
 
 
 class Pool(struct.PyTreeNode):
@@ -306,6 +320,9 @@ class FightRecord(NamedTuple):
     action: jax.Array  # [T, E, A, 4] clipped, as flown
     start: EnvState  # leaves [E, ...]
     result: FightResult
+    # [T, E, A] bool after the step, as in `EnvState`; None in a duel, which its states tell whole
+    down: jax.Array | None = None
+    struck: jax.Array | None = None
 
 
 class Trajectory(NamedTuple):
@@ -320,3 +337,7 @@ class Trajectory(NamedTuple):
     control_dt: float  # s
     # by setting of `randomise`, [A] each: the drones' drawn numbers over the nominal ones
     drawn: Any = None
+    sides: tuple[int, ...] = (DEFENDER, ATTACKER)  # of each drone
+    # [T, A] bool, as in `EnvState`; None in a duel
+    down: Any = None
+    struck: Any = None

@@ -9,8 +9,9 @@ import numpy as np
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import drone_names
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.types import SIDES, EnvState
+from dronecombat_jax.types import EnvState
 
 RENDER_MODES = ("rgb_array", "ansi", "human")
 WIDTH, HEIGHT = 960, 540
@@ -56,7 +57,7 @@ class Frames:
         """Both drones enlarged, with plumb lines, and the target, from the arena camera."""
         from dronecombat_jax.report.stage import TARGET_COLOUR, TEAM_COLOURS, Stage
 
-        poses = qpos.reshape(2, 7)
+        poses = qpos.reshape(-1, 7)
         if self._stage is None:
             self._stage = Stage(self._combat.scene, WIDTH, HEIGHT)
             self._stage.set_state(qpos, target)
@@ -64,9 +65,9 @@ class Frames:
             self._stage.fit_arena_camera(points, WIDTH / HEIGHT)
         self._stage.set_state(qpos, target)
         self._stage.show_arena()
-        for drone, flies in enumerate(self._combat.game.flies):
-            if flies:
-                self._stage.add_plumb_line(poses[drone, :3], TEAM_COLOURS[drone], 0.8)
+        for drone, side in enumerate(self._combat.sides):
+            if self._combat.game.flies[side]:
+                self._stage.add_plumb_line(poses[drone, :3], TEAM_COLOURS[side], 0.8)
                 self._stage.add_drone(drone, poses[drone])
         radius = self._combat.config.game.reach_radius
         self._stage.add_bubble(target, radius, TARGET_COLOUR, 0.25)
@@ -74,11 +75,11 @@ class Frames:
 
     def _line(self, fight: EnvState) -> str:
         """Time and places, such as `0.42 s: defender at 0.0 4.8 1.1, ...` in m."""
-        poses = np.asarray(fight.qpos).reshape(2, 7)
+        poses, sides = np.asarray(fight.qpos).reshape(-1, 7), self._combat.sides
         places = [
             f"{name} at {_spelt(pose[:3])}"
-            for name, pose, flies in zip(SIDES, poses, self._combat.game.flies, strict=True)
-            if flies
+            for name, pose, side in zip(drone_names(sides), poses, sides, strict=True)
+            if self._combat.game.flies[side]
         ]
         time = int(fight.clock) * self._combat.config.control_dt
         return f"{time:.2f} s: {', '.join(places)}, target at {_spelt(np.asarray(fight.target))}"

@@ -19,9 +19,9 @@ import jax.numpy as jnp
 from dronecombat_jax.adapters.one_side import choose_one, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
-from dronecombat_jax.config.sides import require_duel
+from dronecombat_jax.config.sides import drone_names
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.types import ACTION_SIZE, NUM_SIDES, SIDES, EnvState
+from dronecombat_jax.types import ACTION_SIZE, SIDES, EnvState
 
 ALL = "__all__"
 Observations = dict[str, jax.Array]
@@ -63,8 +63,13 @@ class CombatMultiAgentEnv(Base):
 
     def __init__(self, combat: Combat, end_infos: bool = True):
         """`end_infos` False leaves infos empty, for programs that reshape all of them to [N]."""
-        require_duel(combat.config.game.sides, "this view of the fights")
-        names = [name for name, flies in zip(SIDES, combat.game.flies, strict=True) if flies]
+        sides = combat.sides
+        self._drones = {
+            name: drone
+            for drone, (name, side) in enumerate(zip(drone_names(sides), sides, strict=True))
+            if combat.game.flies[side]
+        }
+        names = list(self._drones)
         if Base is not object:
             super().__init__(num_agents=len(names))
         self.combat, self.end_infos = combat, end_infos
@@ -80,7 +85,11 @@ class CombatMultiAgentEnv(Base):
     @property
     def agent_classes(self) -> dict[str, list[str]]:
         """Each side is a class of its own."""
-        return {agent: [agent] for agent in self.agents}
+        sides = self.combat.sides
+        classes: dict[str, list[str]] = {}
+        for agent, drone in self._drones.items():
+            classes.setdefault(SIDES[sides[drone]], []).append(agent)
+        return classes
 
     @property
     def time_limit(self) -> int | None:
@@ -121,10 +130,10 @@ class CombatMultiAgentEnv(Base):
         self, key: jax.Array, state: EnvState, actions: Mapping[str, jax.Array]
     ) -> tuple[Observations, EnvState, dict, dict, dict]:
         """One control step with each agent's action [4]; does not begin anew, and nothing is random."""
-        still = jnp.zeros(ACTION_SIZE)
-        pair = [jnp.asarray(actions[agent]) if agent in self.agents else still for agent in SIDES]
-        assert len(pair) == NUM_SIDES
-        after, output = self.combat.step(state, jnp.stack(pair))
+        given = [jnp.zeros(ACTION_SIZE)] * len(self.combat.sides)  # 0 for one that is absent
+        for agent, drone in self._drones.items():
+            given[drone] = jnp.asarray(actions[agent])
+        after, output = self.combat.step(state, jnp.stack(given))
         seen = self._by_agent(output.observation)
         over = output.terminated | output.truncated
         infos = {}
@@ -146,7 +155,7 @@ class CombatMultiAgentEnv(Base):
         return {agent: jnp.ones(ACTION_SIZE, bool) for agent in self.agents}
 
     def _by_agent(self, rows: jax.Array) -> dict[str, jax.Array]:
-        return {agent: rows[SIDES.index(agent)] for agent in self.agents}
+        return {agent: rows[drone] for agent, drone in self._drones.items()}
 
     def _of(self, spaces: dict[str, Any], agent: str) -> Any:
         if agent not in spaces:

@@ -29,24 +29,24 @@ from dronecombat_jax.adapters.frames import RENDER_MODES, Frames, require_mode
 from dronecombat_jax.adapters.one_side import scores, seed_words, time_limit
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
-from dronecombat_jax.config.sides import require_duel
+from dronecombat_jax.config.sides import drone_names
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.types import ACTION_SIZE, NUM_SIDES, SIDES, Cause, EnvState
+from dronecombat_jax.types import ACTION_SIZE, Cause, EnvState
 
-STATE_SIZE = 32
+STATE_SIZE = 14  # of each drone; 4 more are of the fight
 
 
 class CombatParallelEnv(ParallelEnv):
-    """One fight; agents are `defender` and `attacker`.
+    """One fight; agents are `defender` and `attacker`, in a team `defender1`, `defender2` and so on.
 
-    `state()` is qpos (14), qvel (12), the target's place (3), the share of the time that is over and
-    whether each drone is down (2): float32 [32]. Infos: `active`, whether the action had an effect,
+    `state()` is qpos (7 each), qvel (6 each), the target's place (3), the share of the time that is
+    over and whether each drone is down: float32 [32] for two. Agents of a team stay until the fight
+    is over, as drones that are down. Infos: `active`, whether the action had an effect,
     and at the end `cause` (a `Cause`) and `outcome` (1 won, 0 tied, -1 lost).
     """
 
     def __init__(self, combat: Combat, render_mode: str | None = None):
         """`render_mode`: rgb_array (uint8 [540, 960, 3]), ansi (a line), human (prints it) or None."""
-        require_duel(combat.config.game.sides, "this view of the fights")
         self.combat, self.render_mode = combat, require_mode(render_mode)
         self.metadata = {
             "name": "dronecombat_jax",
@@ -54,9 +54,13 @@ class CombatParallelEnv(ParallelEnv):
             "render_fps": round(1.0 / combat.config.control_dt),
             "is_parallelizable": True,
         }
-        self.possible_agents = [
-            name for name, flies in zip(SIDES, combat.game.flies, strict=True) if flies
-        ]
+        sides = combat.sides
+        self._drones = {
+            name: drone
+            for drone, (name, side) in enumerate(zip(drone_names(sides), sides, strict=True))
+            if combat.game.flies[side]
+        }
+        self.possible_agents = list(self._drones)
         self.agents: list[str] = []
         size = combat.observation.size
         self.observation_spaces = {
@@ -65,9 +69,9 @@ class CombatParallelEnv(ParallelEnv):
         self.action_spaces = {
             agent: Box(-1.0, 1.0, (ACTION_SIZE,), np.float32) for agent in self.possible_agents
         }
-        self.state_space = Box(-np.inf, np.inf, (STATE_SIZE,), np.float32)
+        self.state_space = Box(-np.inf, np.inf, (STATE_SIZE * len(sides) + 4,), np.float32)
         self.state_spaces = dict.fromkeys(self.possible_agents, self.state_space)
-        self._scores = [scores(combat, role) for role in range(len(SIDES))]
+        self._scores = [scores(combat, side) for side in sides]
         self._begin, self._step = _programs(combat)
         self._frames = Frames(combat)
         self._words: NDArray[np.uint32] | None = None
@@ -118,23 +122,23 @@ class CombatParallelEnv(ParallelEnv):
         observation, reward, terminated, truncated, cause, active = map(np.array, leaves)
         acted = self.agents
         infos: dict[str, dict] = {
-            agent: {"active": bool(active[SIDES.index(agent)])} for agent in acted
+            agent: {"active": bool(active[self._drones[agent]])} for agent in acted
         }
         if terminated or truncated:
             self.agents = []
             for agent in acted:
-                outcome = int(self._scores[SIDES.index(agent)][cause])
+                outcome = int(self._scores[self._drones[agent]][cause])
                 infos[agent] |= {"cause": int(Cause(cause)), "outcome": outcome}
         return (
             self._by_agent(observation),
-            {agent: float(reward[SIDES.index(agent)]) for agent in acted},
+            {agent: float(reward[self._drones[agent]]) for agent in acted},
             dict.fromkeys(acted, bool(terminated)),
             dict.fromkeys(acted, bool(truncated)),
             infos,
         )
 
     def state(self) -> NDArray[np.float32]:
-        """The whole fight, float32 [32], of which the world frame's observation is a part."""
+        """The whole fight, float32 [14 A + 4], of which the world frame's observation is a part."""
         fight, steps = self.fight, self.combat.config.game.episode_steps
         parts = (fight.qpos, fight.qvel, fight.target, [fight.clock / steps], fight.down)
         return np.concatenate([np.asarray(part, np.float32) for part in parts])
@@ -148,7 +152,7 @@ class CombatParallelEnv(ParallelEnv):
         self._frames.close()
 
     def _pair(self, actions: Mapping[str, Any]) -> NDArray[np.float32]:
-        """Both drones' actions [A, 4]; 0 for one that is absent."""
+        """All drones' actions [A, 4]; 0 for one that is absent."""
         if not self.agents:
             raise UserError("the fight is over, or has not begun: call reset()")
         if set(actions) != set(self.agents):
@@ -156,19 +160,19 @@ class CombatParallelEnv(ParallelEnv):
             raise UserError(
                 f"actions of {one_line(given)}: those of {', '.join(self.agents)} are needed"
             )
-        pair = np.zeros((NUM_SIDES, ACTION_SIZE), np.float32)
+        pair = np.zeros((len(self.combat.sides), ACTION_SIZE), np.float32)
         for agent in self.agents:
             action = np.asarray(actions[agent], np.float32)
             if action.shape != (ACTION_SIZE,):
                 raise UserError(
                     f"the {agent}'s action has the shape {action.shape}, not ({ACTION_SIZE},)"
                 )
-            pair[SIDES.index(agent)] = action
+            pair[self._drones[agent]] = action
         return pair
 
     def _by_agent(self, observation: NDArray) -> dict[str, NDArray[np.float32]]:
         """Rows of `observation` [A, 35], each a copy of its own."""
-        return {agent: observation[SIDES.index(agent)].copy() for agent in self.possible_agents}
+        return {agent: observation[self._drones[agent]].copy() for agent in self.possible_agents}
 
     def _of(self, spaces: Mapping[str, Any], agent: str) -> Box:
         if agent not in spaces:

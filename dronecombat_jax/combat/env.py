@@ -9,13 +9,14 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.combat.observe import observation_of, whole_of
+from dronecombat_jax.combat.observe import observation_of, refuse_other_shape, whole_of
 from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import detect, forfeit, struck_out, timeout_decides
 from dronecombat_jax.combat.sensors import first_memory, refuse_unlimited, remembered, see
 from dronecombat_jax.combat.starts import start_positions
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.config.sides import DUEL
+from dronecombat_jax.config.sides import DUEL, spelt
+from dronecombat_jax.errors import UserError
 from dronecombat_jax.machine import jax_variables
 from dronecombat_jax.sim.craft import (
     CraftStep,
@@ -42,9 +43,13 @@ class Combat:
         self.config = config
         self.sides = config.game.sides  # of each drone
         self.scene = scene or load_scene(config.sim, sides=self.sides)
+        if self.scene.sides != self.sides:
+            there, here = spelt(self.scene.sides), spelt(self.sides)
+            raise UserError(f"the scene is made for {there} drones, and the game for {here}")
         self.game = game_of(config)
         self.observation = observation_of(config)
         refuse_unlimited(config, self.observation)
+        refuse_other_shape(config, self.observation)
         self.whole = whole_of(config)
 
     @property

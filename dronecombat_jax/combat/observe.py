@@ -34,7 +34,9 @@ from dronecombat_jax.combat.team_views import (
 )
 from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.config.own import chosen
-from dronecombat_jax.config.sides import DUEL
+from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import DUEL, spelt
+from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim.rotation import conjugate, multiply, rotate, rotate_inverse
 from dronecombat_jax.types import Drones
 
@@ -178,6 +180,20 @@ def layout_of(name: str, game: GameConfig) -> Observation:
     """The observation `name` in a game: of OBSERVATIONS, or MODULE:NAME of one's own."""
     entry = chosen(OBSERVATIONS, name)
     return entry if isinstance(entry, Observation) else entry(game)
+
+
+def refuse_other_shape(config: Config, observation: Observation) -> None:
+    """Raise UserError where an observation of one's own does not fit a game of teams."""
+    name, sides = config.game.observation, config.game.sides
+    if sides == DUEL or name in OBSERVATIONS:
+        return
+    drones = Drones(*(jnp.zeros((len(sides), width)) for width in (3, 4, 3, 3)))
+    given = jax.eval_shape(observation.observe, drones, jnp.zeros(3)).shape
+    if given != (wanted := (len(sides), observation.size)):
+        raise UserError(
+            f"game.observation = {one_line(name)} gives {list(given)} numbers for {spelt(sides)} "
+            f"drones, not {list(wanted)}: a function of the game's settings can make one that fits"
+        )
 
 
 def whole_of(config: Config) -> Observation:

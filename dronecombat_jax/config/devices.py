@@ -40,6 +40,8 @@ def uneven_devices(config: Config, devices: int) -> str:
     minibatch = config.steps_per_iteration // config.learn.minibatches
     live = [live_part(config, side) for side in range(len(SIDES))]
     steps, cuts = config.learn.rollout_steps, config.learn.minibatches
+    if config.learn.memory == "gru":  # mini-batches are environments, whole
+        minibatch, steps = envs // cuts, 1
     batches = {(part.stop - part.start) * steps // cuts for part in live}
 
     def fits(devices: int) -> bool:

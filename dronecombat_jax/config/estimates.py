@@ -122,6 +122,8 @@ def bytes_in_words(count: int) -> str:
 def _recall(config: Config) -> int:
     """Numbers that a policy remembers of its fight."""
     learn = config.learn
+    if learn.memory == "gru":
+        return learn.memory_size
     return observation_floats(config) * (learn.frames - 1) if learn.memory == "frames" else 0
 
 
@@ -129,7 +131,10 @@ def _network_floats(config: Config) -> tuple[int, int]:
     """How many floats one agent's policy (with its log-std) and its value function have."""
     sizes = (observation_floats(config) + _recall(config), *config.learn.hidden_sizes)
     trunk = sum((rows + 1) * columns for rows, columns in pairwise(sizes))
-    return trunk + (sizes[-1] + 2) * ACTION_SIZE, trunk + sizes[-1] + 1
+    gru = 0
+    if config.learn.memory == "gru":
+        gru = 3 * (sizes[0] + 1) * config.learn.memory_size + config.learn.memory_size
+    return trunk + (sizes[-1] + 2) * ACTION_SIZE + gru, trunk + sizes[-1] + 1
 
 
 def _pool_floats(config: Config, policy: int) -> int:

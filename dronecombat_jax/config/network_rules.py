@@ -11,16 +11,9 @@ from dronecombat_jax.config.problem import Problem
 
 def broken(config: Config) -> Iterator[Problem]:
     """All rules that the networks break."""
-    if config.learn.others != "mean":
-        return
-    if config.game.observation != "nearest":
+    if config.learn.others == "mean" and config.game.observation != "nearest":
         yield Problem(
             ("learn.others", "game.observation"),
             "learn.others = mean needs game.observation = nearest: no other has slots for others, and "
             f"{config.game.observation} is given",
-        )
-    if config.learn.memory == "frames":
-        yield Problem(
-            ("learn.others", "learn.memory"),
-            "learn.others = mean sees one observation: learn.memory must not be frames",
         )

@@ -19,10 +19,12 @@ class LearnConfig:
         "what the value function sees: what its policy does; or the whole state and who it is "
         "(MAPPO); the policy flies by its observation either way",
     )
-    memory: Literal["none", "frames"] = setting(
+    memory: Literal["none", "frames", "gru"] = setting(
         "none",
-        "what a policy remembers of its fight: nothing; or its last observations (frames)",
+        "what a policy remembers of its fight: nothing; its last observations (frames); or the state "
+        "of a gated recurrent unit (gru)",
     )
+    memory_size: int = setting(64, "memory gru: numbers of its state", low=1, high=1024)
     frames: int = setting(
         4,
         "memory frames: observations that a network sees, the present one included",

@@ -74,7 +74,8 @@ def update_learner(
 
     seen = scaled(learn, learner.observation_scaler, observation)
     recall = None if rollout.recall is None else rollout.recall[:, :, agent]
-    inputs, _ = remember(policy_of(learner), seen, recall)
+    recurrent = learner.parameters.gru is not None
+    inputs = seen if recurrent else remember(policy_of(learner), seen, recall)[0]
     learner, batch = prepare_batch(
         learn,
         learner,
@@ -89,6 +90,8 @@ def update_learner(
         weight=weight,
         value_weight=value_weight,
     )
+    if recurrent:
+        batch = batch._replace(recall=recall, fresh=_begins(rollout))
     if learner.critic_scaler is not None:
         assert rollout.whole is not None
         whole = rollout.whole[:, :, agent]
@@ -99,6 +102,12 @@ def update_learner(
     scaler = update_scaler(learner.observation_scaler, observation, weight)
     scaler = with_fixed_slots(learn, scaler)
     return learner.replace(observation_scaler=scaler), metrics
+
+
+def _begins(rollout: Transition) -> jax.Array:
+    """Where a step is the first of a fight that began within the rollout, [T, N] bool."""
+    done = rollout.terminated | rollout.truncated
+    return jnp.concatenate([jnp.zeros_like(done[:1]), done[:-1]])
 
 
 def step_weights(
@@ -234,5 +243,7 @@ def adopt(learner: Learner, policy: Policy) -> Learner:
     """The learner with another policy and its observation scaler; critic, optimiser and rate
     stay.
     """
-    parameters = learner.parameters.replace(policy=policy.network, log_std=policy.log_std)
+    parameters = learner.parameters.replace(
+        policy=policy.network, log_std=policy.log_std, gru=policy.gru
+    )
     return learner.replace(parameters=parameters, observation_scaler=policy.observation_scaler)

@@ -7,9 +7,11 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.sight import GROUPS, OWN_SIZE, SLOT_SIZE
 from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.learn.recurrent import init_gru
 from dronecombat_jax.types import ACTION_SIZE, MLP, OBSERVATION_SIZE, Encoder, Parameters
 
 OTHERS = 1000  # what an encoder's key is folded from; layers count from 0
+MEMORY = 1001  # the same of a GRU
 # exp(r) - 1 - r over r^2, for |r| <= ln(2) / 2: the polynomial with the least largest error of exp
 # (Remez), 3e-9.
 EXPM1_TAIL = (0.5, 0.16666518, 0.041666206, 0.0083688898, 0.0013950494)
@@ -37,8 +39,12 @@ def init_parameters(
     not the observation.
     """
     policy_key, value_key = jax.random.split(key)
+    gru = None
     if learn.memory == "frames":
         observation_size *= learn.frames
+    if learn.memory == "gru":
+        gru = init_gru(jax.random.fold_in(policy_key, MEMORY), observation_size, learn.memory_size)
+        observation_size += learn.memory_size
     seen = observation_size if critic_size is None else critic_size
     return Parameters(
         policy=_init_network(
@@ -48,6 +54,7 @@ def init_parameters(
         value=_init_network(
             value_key, learn, seen, 1, learn.hidden_gain, slots=critic_size is None
         ),
+        gru=gru,
     )
 
 

@@ -1,5 +1,6 @@
 """Gradient steps of one learner on its batch: mini-batches, the loss of eq. 18, Adam, the adaptive rate."""
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -14,6 +15,7 @@ from dronecombat_jax.learn.networks import (
     gaussian_log_prob,
     project_log_std,
 )
+from dronecombat_jax.learn.recurrent import unroll
 from dronecombat_jax.learn.sharding import along_environments
 from dronecombat_jax.types import (
     Batch,
@@ -38,7 +40,10 @@ def optimize(
     """`epochs` passes of `minibatches` steps over `batch` [T, N, ...]; the rate adapts after each
     pass.
     """
-    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), batch)
+    pieces = partial(cut_fights, learn, batch)
+    if batch.recall is None:
+        flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), batch)
+        pieces = partial(cut, learn, flat)
     adam = optimizer(learn)
 
     def step(carry: tuple[Any, ...], minibatch: Batch):
@@ -64,7 +69,7 @@ def optimize(
         return carry, (metrics, weights, norm, ~finite)
 
     def epoch(carry: tuple[Any, ...], key: jax.Array):
-        carry, metrics = jax.lax.scan(step, carry, cut(learn, flat, key))
+        carry, metrics = jax.lax.scan(step, carry, pieces(key))
         parameters, state, learning_rate = carry
         (*_, divergence, _), (weight, _), _, skipped = metrics
         # Skipped steps moved nothing: their divergence of 0 would drive the rate up. All skipped:
@@ -108,10 +113,40 @@ def cut(learn: LearnConfig, batch: Batch, key: jax.Array) -> Batch:
     )
 
 
+def cut_fights(learn: LearnConfig, batch: Batch, key: jax.Array) -> Batch:
+    """Cut a batch [T, N, ...] by environments into mini-batches [M, ..., T, N / M], features first:
+    neighbours, or shuffled by `key`. A GRU is trained on the steps of an environment in order.
+    """
+    steps, environments = batch.log_prob.shape
+    if learn.minibatch_order == "shuffled":
+        order = jax.random.permutation(key, environments)
+        batch = jax.tree.map(lambda leaf: leaf[:, order], batch)
+
+    def pieces(leaf: jax.Array) -> jax.Array:
+        parts = leaf.reshape(steps, learn.minibatches, -1, *leaf.shape[2:])
+        return jnp.moveaxis(parts, (1, 0, 2), (0, -2, -1))
+
+    return along_environments(jax.tree.map(pieces, batch), axis=-1)
+
+
+def recalled(parameters: Parameters, batch: Batch) -> Batch:
+    """A mini-batch of `cut_fights`, leaves [..., T, B], as one of `cut`, leaves [..., T B]: with the
+    states of the GRU beside the observations.
+    """
+    if parameters.gru is None:
+        return batch
+    assert batch.recall is not None and batch.fresh is not None
+    states = unroll(parameters.gru, batch.observation, batch.recall[:, 0], batch.fresh)
+    seen = jnp.concatenate([batch.observation, states])
+    flat = batch._replace(observation=seen, recall=None, fresh=None)
+    return jax.tree.map(lambda leaf: leaf.reshape(*leaf.shape[:-2], -1), flat)
+
+
 def loss(
     learn: LearnConfig, parameters: Parameters, batch: Batch
 ) -> tuple[jax.Array, tuple[Any, ...]]:
     """The loss of eq. 18 on one mini-batch [..., B], features first, and what it is made of."""
+    batch = recalled(parameters, batch)
     mean = forward_columns(parameters.policy, batch.observation)
     weight, log_std = batch.weight, parameters.log_std
     log_ratio = gaussian_log_prob(batch.action.T, mean.T, log_std) - batch.log_prob

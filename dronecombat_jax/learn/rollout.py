@@ -152,7 +152,8 @@ def scaled(learn: LearnConfig, scaler: Scaler, observation: jax.Array) -> jax.Ar
 
 def policy_of(learner: Learner) -> Policy:
     """The policy of a learner; any leading axes."""
-    return Policy(learner.parameters.policy, learner.parameters.log_std, learner.observation_scaler)
+    parameters = learner.parameters
+    return Policy(parameters.policy, parameters.log_std, learner.observation_scaler, parameters.gru)
 
 
 def select(learners: Learner, agent: int) -> Learner:

@@ -22,11 +22,13 @@ from dronecombat_jax.files import tensorfile
 from dronecombat_jax.files.arrays import nonfinite
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.tensorfile import PolicyError, digest_of
+from dronecombat_jax.learn.recurrent import GATES
 from dronecombat_jax.policies.info import NO_MEMORY, PolicyInfo, info_of, metadata_of
-from dronecombat_jax.types import MLP, Encoder, Policy, Scaler
+from dronecombat_jax.types import GRU, MLP, Encoder, Policy, Scaler
 
 MAX_NAME_BYTES = 200  # a file system takes 255, and the temporary name beside it is longer
 _MAX_NAMED = 5
+GRU_PARTS = ("weights", "state_weights", "biases", "candidate_bias")  # of `types.GRU`, in its order
 
 
 class SavedPolicy(NamedTuple):
@@ -141,6 +143,8 @@ def tensors_of(policy: Policy) -> dict[str, np.ndarray]:
     }
     if network.others is not None:
         arrays |= {"others_weights": network.others.weights, "others_biases": network.others.biases}
+    if policy.gru is not None:
+        arrays |= {f"gru_{name}": getattr(policy.gru, name) for name in GRU_PARTS}
     return {name: np.asarray(array) for name, array in arrays.items()}
 
 
@@ -151,7 +155,10 @@ def _policy(tensors: dict[str, np.ndarray], layers: int) -> Policy:
     if "others_weights" in tensors:
         others = Encoder(tensors["others_weights"], tensors["others_biases"])  # pyright: ignore
     network = MLP(each("weights"), each("biases"), others)  # pyright: ignore
-    return Policy(network, tensors["log_std"], scaler)  # pyright: ignore
+    gru = None
+    if f"gru_{GRU_PARTS[0]}" in tensors:
+        gru = GRU(*(tensors[f"gru_{name}"] for name in GRU_PARTS))  # pyright: ignore
+    return Policy(network, tensors["log_std"], scaler, gru)  # pyright: ignore
 
 
 def _misfit(tensors: dict[str, np.ndarray], info: PolicyInfo) -> str:
@@ -168,6 +175,7 @@ def _misfit(tensors: dict[str, np.ndarray], info: PolicyInfo) -> str:
         "observation_variance": sizes[:1],
         "observation_count": (),
         **_encoder_shapes(info.others_size),
+        **_gru_shapes(sizes[0], info.gru_size),
     }
     spelt = lambda dtype, shape: f"{dtype}[{','.join(map(str, shape))}]"
     wanted = {name: spelt("float32", shape) for name, shape in expected.items()}
@@ -190,6 +198,12 @@ def _encoder_shapes(size: int) -> dict[str, tuple[int, ...]]:
     groups = len(GROUPS)
     shapes = {"others_weights": (groups, SLOT_SIZE - 1, size), "others_biases": (groups, size)}
     return shapes if size else {}
+
+
+def _gru_shapes(seen: int, size: int) -> dict[str, tuple[int, ...]]:
+    """Of the arrays of a GRU with a state of `size` numbers; none where it has none."""
+    shapes = (seen, GATES * size), (size, GATES * size), (GATES * size,), (size,)
+    return {f"gru_{name}": shape for name, shape in zip(GRU_PARTS, shapes, strict=True) if size}
 
 
 def _bad_numbers(tensors: dict[str, np.ndarray]) -> str:

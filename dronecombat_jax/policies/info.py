@@ -34,7 +34,7 @@ _ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._+-]{0,99}")
 _WHOLE = re.compile(r"0|[1-9][0-9]{0,17}")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 NO_MEMORY = "none"
-_MEMORY = re.compile(r"frames ([2-9]|[1-5][0-9]|6[0-4])")
+_MEMORY = re.compile(r"frames ([2-9]|[1-5][0-9]|6[0-4])|gru ([1-9][0-9]{0,2}|10[01][0-9]|102[0-4])")
 
 
 class PolicyInfo(NamedTuple):
@@ -52,7 +52,8 @@ class PolicyInfo(NamedTuple):
     jax_version: str
     config_sha256: str  # of the run's config.toml
     others_size: int = 0  # units of the layer for slots of others (`types.Encoder`); 0: none
-    # what it remembers of its fight: "none"; "frames K": the first layer takes K observations
+    # what it remembers of its fight: "none"; "frames K": the first layer takes K observations;
+    # "gru H": it takes an observation and the H numbers of a GRU's state
     memory: str = NO_MEMORY
 
     @property
@@ -61,7 +62,16 @@ class PolicyInfo(NamedTuple):
         if self.others_size:
             return encoded_size(self.others_size)
         kind, _, number = self.memory.partition(" ")
-        return self.layer_sizes[0] * int(number) if kind == "frames" else self.layer_sizes[0]
+        seen = self.layer_sizes[0]
+        return {"frames": lambda: seen * int(number), "gru": lambda: seen + int(number)}.get(
+            kind, lambda: seen
+        )()
+
+    @property
+    def gru_size(self) -> int:
+        """Numbers of a GRU's state; 0: it has none."""
+        kind, _, number = self.memory.partition(" ")
+        return int(number) if kind == "gru" else 0
 
     @property
     def observation(self) -> str:
@@ -86,6 +96,8 @@ class PolicyInfo(NamedTuple):
 
 def memory_of(learn: LearnConfig) -> str:
     """What the policies of a run remember, as `PolicyInfo.memory` says it."""
+    if learn.memory == "gru":
+        return f"gru {learn.memory_size}"
     return f"frames {learn.frames}" if learn.memory == "frames" else NO_MEMORY
 
 

@@ -44,9 +44,13 @@ class NumpyPolicy:
         self.clip = np.float32(self.about["normalization_clip"])
         self.normalize = self.about["normalize_observations"] == "true"
         kind, _, number = self.about.get("memory", "none").partition(" ")
-        if kind not in ("none", "frames"):
+        if kind not in ("none", "frames", "gru"):
             raise ValueError(f"{path}: its memory is {kind}, which this reader does not know")
-        self.memory_size = (int(number) - 1) * self.mean.size if kind == "frames" else 0
+        parts = ("weights", "state_weights", "biases", "candidate_bias")
+        self.gru = [arrays[f"gru_{part}"] for part in parts] if kind == "gru" else []
+        self.memory_size = int(number or 0)
+        if kind == "frames":
+            self.memory_size = (self.memory_size - 1) * self.mean.size
         self.reset()
 
     def reset(self):
@@ -73,9 +77,22 @@ class NumpyPolicy:
         """Scaled observations [..., 35] and what is remembered before them; keeps what is after."""
         if self.memory is None:
             self.memory = np.zeros((*x.shape[:-1], self.memory_size), np.float32)
+        if self.gru:
+            self.memory = self._gru(x, self.memory)
+            return np.concatenate([x, self.memory], axis=-1)
         x = np.concatenate([x, self.memory], axis=-1)
         self.memory = x[..., : self.memory_size]
         return x
+
+    def _gru(self, x, state):
+        """The next state of a gated recurrent unit."""
+        weights, state_weights, biases, candidate_bias = self.gru
+        reset, update, candidate = np.split(x @ weights + biases, 3, axis=-1)
+        of_state = np.split(state @ state_weights, 3, axis=-1)
+        sigmoid = lambda x: 0.5 * (np.tanh(0.5 * x) + 1)
+        reset, update = sigmoid(reset + of_state[0]), sigmoid(update + of_state[1])
+        candidate = np.tanh(candidate + reset * (of_state[2] + candidate_bias))
+        return (1 - update) * candidate + update * state
 
     def _encode(self, x):
         """The mean, over those who are seen, of a layer on the slots of observation `nearest`."""

@@ -33,6 +33,7 @@ SHAPES = (
     "learn.critic",
     "learn.memory",
     "learn.frames",
+    "learn.memory_size",
     "train.num_envs",
     "train.num_seeds",
     "selfplay.probability",

@@ -21,6 +21,7 @@ from dronecombat_jax.files.atomic import cannot_write
 from dronecombat_jax.files.manifest import CheckpointError
 from dronecombat_jax.files.rundir import RunDirectory, find_run
 from dronecombat_jax.files.tensorfile import PolicyError
+from dronecombat_jax.learn.memory import memory_size, recall_size
 from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.file import (
     SavedPolicy,
@@ -124,6 +125,12 @@ def _gather(config: Config, read: Callable[[Row, str], SavedPolicy]) -> Frozen:
             require_environment(saved.info, config)
         except UserError as error:
             raise UserError(f"{one_line(row.name)}: {error.message}", error.exit_code) from None
+        if (needed := memory_size(saved.policy)) > recall_size(config):
+            raise UserError(
+                f"{one_line(row.name)}: it remembers {needed} numbers of its fight, this run's policies "
+                f"{recall_size(config)}: with learn.memory they must remember as many",
+                EXIT_CONFIG,
+            )
         frozen.saved[row.name], frozen.files[row.name] = saved, name
     return frozen
 

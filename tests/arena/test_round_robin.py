@@ -152,11 +152,11 @@ def test_drawn_actions_are_those_of_the_same_loop(
     assert np.mean(drawn.grid[1] != flown.grid[1, :4, :5]) > 0.3
 
 
-def remembering(seed: int, frames: int, blind: bool = False) -> Player:
-    """A policy that sees its last `frames` observations, or, `blind`, the present one alone of
-    them.
+def remembering(seed: int, frames: int = 1, blind: bool = False, state: int = 0) -> Player:
+    """A policy that sees its last `frames` observations, or a GRU's `state`; or, `blind`, the
+    present observation alone of what it sees.
     """
-    policy = make_policy((35 * frames, 16, 4), seed, frames)
+    policy = make_policy((35 * frames + state, 16, 4), seed, frames, state)
     first, last = policy.network.weights
     seen = np.arange(first.shape[0])[:, None] < (35 if blind else first.shape[0])
     network = policy.network.replace(weights=(first * seen, last * np.float32(20.0)))
@@ -169,12 +169,21 @@ def test_policies_with_memory_fly_as_in_single_fights(combat: Coasting, stochast
     """Against others with more, with less and without; each forgets when another fight begins."""
     rules = Rules(EPISODES, seed=3, stochastic=stochastic)
     defenders = [remembering(1, 3), player(2)]
-    attackers = [remembering(11, 3), remembering(12, 2), player(13)]
+    recurrent, framed = range(14, 20), range(20, 26)
+    attackers = [
+        *(remembering(seed, state=12) for seed in recurrent),
+        *(remembering(seed, 2) for seed in framed),
+        player(13),
+    ]
     out = grid(combat, defenders, attackers, rules, layout=SMALL)
     np.testing.assert_array_equal(out, one_by_one(combat, defenders, attackers, rules))
     if not stochastic:
-        blind = [remembering(11, 3, blind=True), remembering(12, 2, blind=True)]
-        assert np.any(grid(combat, defenders, blind, rules, layout=SMALL) != out[:, :, :2])
+        blind = [
+            *(remembering(seed, state=12, blind=True) for seed in recurrent),
+            *(remembering(seed, 2, blind=True) for seed in framed),
+        ]
+        other = grid(combat, defenders, blind, rules, layout=SMALL) != out[:, :, :12]
+        assert np.any(other[:, :, :6]) and np.any(other[:, :, 6:])
 
 
 def test_no_outcome_depends_on_batches(

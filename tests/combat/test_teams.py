@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.observe import layout_of
+from dronecombat_jax.combat.observe import Observation, layout_of
 from dronecombat_jax.combat.reward import reward_terms
 from dronecombat_jax.combat.rules import Events, detect, forfeit, judge, struck_out
 from dronecombat_jax.combat.starts import apart, start_positions
@@ -231,3 +231,19 @@ def test_what_cannot_be_is_one_line():
         settings.load("smoke", {"game.defenders": 2, "game.crash_rule": "grounded"})
     with pytest.raises(UserError, match=r"--game\.attackers 9: must be an integer from 1 to 8"):
         settings.load("smoke", {"game.attackers": 9})
+
+
+def row_of_two(drones: Drones, target: jax.Array) -> jax.Array:
+    return jnp.zeros((2, 3))
+
+
+OWN = Observation((("x", 3),), row_of_two)
+
+
+def test_what_is_made_for_other_numbers_of_drones_is_one_line():
+    duel = Combat(Config())
+    with pytest.raises(UserError, match=r"^the scene is made for 1 against 1 drones, and the game"):
+        Combat(Config(game=TWO), duel.scene)
+    own = replace(TWO, observation=f"{__name__}:OWN")
+    with pytest.raises(UserError, match=r"OWN gives \[2, 3\] numbers for 2 against 2 drones, not"):
+        Combat(Config(game=own))

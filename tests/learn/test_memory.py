@@ -25,7 +25,8 @@ LEARN = LearnConfig(
     entropy_scale=0.0,
 )
 FRAMES = replace(LEARN, memory="frames", frames=STEPS)
-REMEMBERING = pytest.mark.parametrize("learn", [FRAMES], ids=lambda learn: learn.memory)
+GRU = replace(LEARN, memory="gru", memory_size=8)
+REMEMBERING = pytest.mark.parametrize("learn", [FRAMES, GRU], ids=lambda learn: learn.memory)
 
 
 class Cue(Probe):
@@ -61,7 +62,7 @@ def test_a_cue_that_has_gone_cannot_be_obeyed_by_a_policy_that_sees_the_present_
     assert np.all((paid < -0.9) & (paid > -1.6)), paid
 
 
-@pytest.fixture(scope="module", params=[FRAMES], ids=lambda learn: learn.memory)
+@pytest.fixture(scope="module", params=[FRAMES, GRU], ids=lambda learn: learn.memory)
 def flown(request):
     """A rollout of fights that began before it, and began anew in it; who flew it."""
     learn = request.param
@@ -89,11 +90,10 @@ def test_what_is_remembered_ends_with_the_fight(flown):
     assert np.any(ended) and np.array_equal(ended, ~np.any(after.recall, axis=(1, 2)))
 
 
+@pytest.mark.parametrize("flown", [FRAMES], indirect=True, ids=["frames"])
 def test_frames_are_the_last_observations_newest_first(flown):
     """By a slow loop over the rollout; before a fight's start stand zeros."""
     learn, learners, env, after, rollout = flown
-    if learn.memory != "frames":
-        pytest.skip("of frames alone")
     policy = policy_of(select(learners, ATTACKER))
     seen = np.asarray(scaled(learn, policy.observation_scaler, rollout.observation[:, :, ATTACKER]))
     for n in range(4):

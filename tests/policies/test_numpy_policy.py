@@ -20,9 +20,7 @@ from dronecombat_jax.files import tensorfile
 from dronecombat_jax.learn.memory import memory_size
 from dronecombat_jax.learn.rollout import policy_mean, policy_step
 from dronecombat_jax.policies import numpy_policy
-from dronecombat_jax.policies.file import (
-    save_policy,
-)
+from dronecombat_jax.policies.file import load_policy, save_policy
 from dronecombat_jax.policies.numpy_policy import NumpyPolicy
 
 
@@ -46,13 +44,18 @@ def test_numpy_alone_gives_the_same_actions(path, sizes, normalize):
 
 
 @pytest.mark.parametrize("normalize", [True, False])
-def test_numpy_alone_remembers_what_the_policy_remembers(path, normalize):
+@pytest.mark.parametrize("memory", ["frames 3", "gru 12"])
+def test_numpy_alone_remembers_what_the_policy_remembers(path, memory, normalize):
     """Step by step, fights side by side and one alone, and again after it has forgotten."""
-    policy = make_policy((3 * 35, 8, 4), seed=2, frames=3)
-    info = make_info(layer_sizes=(35, 8, 4), memory="frames 3")
+    policy = {
+        "frames 3": make_policy((3 * 35, 8, 4), seed=2, frames=3),
+        "gru 12": make_policy((35 + 12, 8, 4), seed=2, state=12),
+    }[memory]
+    info = make_info(layer_sizes=(35, 8, 4), memory=memory)
     save_policy(path, policy, info._replace(normalize_observations=normalize))
+    assert jax.tree.all(jax.tree.map(np.array_equal, load_policy(path).policy, policy))
     alone, learn = NumpyPolicy(path), LearnConfig(normalize_observations=normalize)
-    assert alone.about["memory"] == "frames 3" and alone.about["format_version"] == "2"
+    assert alone.about["memory"] == memory and alone.about["format_version"] == "2"
     seen = observations(policy, 1.0, normalize).reshape(32, 8, 35)
     recall, wanted = jnp.zeros((8, memory_size(policy))), []
     step = jax.jit(lambda seen, recall: policy_step(learn, policy, seen, recall))

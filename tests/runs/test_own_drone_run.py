@@ -1,14 +1,17 @@
 """A run of an own drone by the command line: trained, moved, edited and lost."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from drones import SMALL, write
 from tiny import finish, train
 
+from dronecombat_jax.config.fields import Config, SimConfig
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA
 from dronecombat_jax.files import checkpoint
+from dronecombat_jax.runs.resume import difference
 
 
 @pytest.mark.slow
@@ -43,3 +46,12 @@ def test_a_run_goes_on_with_the_drone_that_it_began_with(tmp_path: Path):
     code, out, err = run("--sim.mjcf", str(write(tmp_path, name="moved.xml")), *longer)
     assert code == 0 and "resuming after 384 environment steps" in out, err
     assert len(json.loads((root / "own" / "evaluation.json").read_text())) == 2
+
+
+def test_a_bodys_file_may_have_been_moved_and_no_more():
+    """What it says is compared as the environment; a body by name is another run."""
+    of = lambda body: Config(sim=replace(SimConfig(), body=body))
+    assert difference(of("/a/body.toml"), of("/b/moved.toml")) == []
+    (line,) = difference(of("isaac"), of("/b/moved.toml"))
+    assert line.startswith('sim.body was "isaac", now')
+    assert len(difference(of("/a/body.toml"), of("firmware"))) == 1

@@ -48,7 +48,7 @@ METHODS = {
     ),
 }
 METHODS["memory"] = replace(
-    METHODS["teams"], learn=replace(CONFIG.learn, memory="frames", frames=3)
+    METHODS["teams"], learn=replace(CONFIG.learn, memory="gru", memory_size=6)
 )
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in METHODS if name != "sippo"]
 

@@ -10,26 +10,30 @@ import numpy as np
 from dronecombat_jax.combat.fingerprint import environment
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.policies.info import PolicyInfo
-from dronecombat_jax.types import MLP, Policy, Scaler
+from dronecombat_jax.types import GRU, MLP, Policy, Scaler
 
 SIZES = (35, 16, 8, 4)
 
 
-def make_policy(sizes: tuple[int, ...] = SIZES, seed: int = 0, frames: int = 1) -> Policy:
+def make_policy(
+    sizes: tuple[int, ...] = SIZES, seed: int = 0, frames: int = 1, state: int = 0
+) -> Policy:
     """Weights that keep the size of what goes through them, a last layer that makes actions that a
     drone can fly, and a scaler far from mean 0 and variance 1. It sees its last `frames`
-    observations, `sizes[0]` numbers in all.
+    observations, `sizes[0]` numbers in all; or one, and a GRU's `state` numbers.
     """
     rng = np.random.default_rng(seed)
     draw = lambda *shape: rng.standard_normal(shape, np.float32)
     weights = tuple(draw(a, b) * np.float32(a**-0.5) for a, b in itertools.pairwise(sizes))
     weights[-1][:] *= np.float32(0.05)
     biases = tuple(draw(size) / 8 for size in sizes[1:])
-    seen = sizes[0] // frames
+    seen = (sizes[0] - state) // frames
     variance = np.float32(10.0) ** draw(seen)
-    return Policy(
-        MLP(weights, biases), draw(sizes[-1]), Scaler(3 * draw(seen), variance, np.float32(1e6))
-    )
+    scaler = Scaler(3 * draw(seen), variance, np.float32(1e6))
+    log_std = draw(sizes[-1])
+    shapes = (seen, 3 * state), (state, 3 * state), (3 * state,), (state,)
+    gru = GRU(*(draw(*shape) / 4 for shape in shapes)) if state else None
+    return Policy(MLP(weights, biases), log_std, scaler, gru)
 
 
 def make_info(config: Config | None = None, **changes: Any) -> PolicyInfo:

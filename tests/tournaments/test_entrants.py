@@ -5,10 +5,12 @@ with all names.
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from drones import write
+from own_bodies import write_body
 from policies import make_info, make_policy
 from saved_runs import TOY, damage, write_run
 
@@ -240,6 +242,25 @@ def test_a_policy_of_an_own_drone_flies_where_its_mjcf_is_named(tmp_path: Path):
             moved
         )
     assert refusal([run]).message.startswith(f"sim.mjcf: {tmp_path / 'drone.xml'}: no such file")
+
+
+def test_a_policy_of_an_own_body_flies_where_its_toml_is_named(tmp_path: Path):
+    """As with an MJCF: mass and rotors are the game, the file's place is not."""
+    body: Any = str(write_body(tmp_path, lag_up="0.05"))
+    own = replace(TOY, sim=SimConfig(body=body, actuation="rotors"))
+    run = write_run(tmp_path / "own", own, chunks=1)
+    file = tmp_path / "mine.safetensors"
+    save_policy(file, make_policy(), make_info(own))
+    field = read_field([str(file), str(run)])
+    assert field.config.sim == own.sim and field.notices == ()
+    error = refusal([file, "scripted:all"])
+    assert "rotors.lag_up is 0.05 there, 0.0691 here" in error.message
+    assert "names the MJCF or TOML" in error.message
+    moved = str(write_body(tmp_path, "moved.toml", lag_up="0.05"))
+    (tmp_path / "body.toml").unlink()
+    for words in ([file, "scripted:all"], [run]):
+        assert read_field([str(word) for word in words], mjcf=moved).config.sim.body == moved
+    assert "body.toml: no such file" in refusal([run]).message
 
 
 def test_in_solo_there_is_no_fight(tmp_path: Path):

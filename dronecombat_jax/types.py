@@ -320,6 +320,9 @@ class FightRecord(NamedTuple):
     action: jax.Array  # [T, E, A, 4] clipped, as flown
     start: EnvState  # leaves [E, ...]
     result: FightResult
+    # [T, E, A] bool after the step, as in `EnvState`; None in a duel, which its states tell whole
+    down: jax.Array | None = None
+    struck: jax.Array | None = None
 
 
 class Trajectory(NamedTuple):
@@ -334,3 +337,7 @@ class Trajectory(NamedTuple):
     control_dt: float  # s
     # by setting of `randomise`, [A] each: the drones' drawn numbers over the nominal ones
     drawn: Any = None
+    sides: tuple[int, ...] = (DEFENDER, ATTACKER)  # of each drone
+    # [T, A] bool, as in `EnvState`; None in a duel
+    down: Any = None
+    struck: Any = None

@@ -142,12 +142,14 @@ def record(
         state, result, action = advance(
             combat, defender, attacker, state, result, jax.random.fold_in(key, step)
         )
-        return (state, result), (state.qpos, state.qvel, jnp.clip(action, -1.0, 1.0))
+        fallen = (None, None) if start.struck is None else (state.down, state.struck)
+        return (state, result), (state.qpos, state.qvel, jnp.clip(action, -1.0, 1.0), *fallen)
 
     steps = jnp.arange(combat.config.game.episode_steps)
     carry = ready(start, defender, attacker), no_result(start)
-    (_, result), (qpos, qvel, action) = jax.lax.scan(step_on, carry, steps)
-    return FightRecord(qpos, qvel, action, start, result)
+    (_, result), kept = jax.lax.scan(step_on, carry, steps)
+    qpos, qvel, action, down, struck = kept
+    return FightRecord(qpos, qvel, action, start, result, down, struck)
 
 
 def advance(
@@ -211,6 +213,7 @@ def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
         [np.asarray(start)[index][None], np.asarray(path)[:steps, index]]
     )
     action = np.asarray(fights.action)[:steps, index]
+    team = fights.down is not None
     return Trajectory(
         time=np.arange(steps + 1) * combat.config.control_dt,
         qpos=first(fights.start.qpos, fights.qpos),
@@ -219,6 +222,9 @@ def trajectory(combat: Combat, fights: FightRecord, index: int) -> Trajectory:
         target=np.asarray(fights.start.target)[index],
         cause=int(fights.result.cause[index]),
         control_dt=combat.config.control_dt,
+        sides=combat.sides,
+        down=first(fights.start.down, fights.down) if team else None,
+        struck=first(fights.start.struck, fights.struck) if team else None,
         drawn=drawn_numbers(combat.config, fights.start, index),
     )
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.report.map_panels import Panel
-from dronecombat_jax.report.replay_data import Fight, Rules, fight_data, rules_data
+from dronecombat_jax.report.replay_data import Fight, fight_data
+from dronecombat_jax.report.shown_rules import Rules, rules_data
 
 MOST_STATES = 100_000  # of all fights of a page: 7.5 MB; longer fights keep every n-th state
 

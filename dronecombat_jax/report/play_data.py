@@ -18,7 +18,7 @@ from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.learn.memory import memory_size
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
-from dronecombat_jax.report.replay_data import WINNERS, who_and_why
+from dronecombat_jax.report.endings import WINNERS, who_and_why
 from dronecombat_jax.sim.craft import is_ideal
 from dronecombat_jax.sim.fluid import drags
 from dronecombat_jax.sim.scene import Scene

@@ -53,7 +53,7 @@ class Stage:
         self.context.free()
 
     def set_state(self, qpos: np.ndarray, target: np.ndarray) -> None:
-        """Put both drones (`qpos` [14]) and the target [3] in place."""
+        """Put all drones (`qpos` [7 A]) and the target [3] in place."""
         self.data.qpos[:] = qpos
         self.data.mocap_pos[self.scene.target_mocap] = target
         mujoco.mj_kinematics(self.model, self.data)

@@ -15,35 +15,34 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.config.sides import DUEL, team
 from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.report.animation import encode_gif, encode_webp
 from dronecombat_jax.report.caption import Caption, drawn_note
+from dronecombat_jax.report.drawn_fight import (
+    aim,
+    finite_part,
+    interpolate,
+    is_down,
+    numbers,
+    points,
+    poses,
+    present,
+    watched,
+)
+from dronecombat_jax.report.endings import caption as ending
+from dronecombat_jax.report.endings import shown_names
 from dronecombat_jax.report.stage import TARGET_COLOUR, TEAM_COLOURS, Stage
 from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Cause, Trajectory
+from dronecombat_jax.types import DEFENDER, SIDES, Cause, Trajectory
 
 PICTURE_SIZE = (1600, 900)
 VIDEO_SIZE = (960, 540)  # both even, as yuv420p wants
+PICTURE_ASPECT = PICTURE_SIZE[0] / PICTURE_SIZE[1]  # that of a film, too
 FRAME_RATE = 25
 SHORTEST_VIDEO, LONGEST_VIDEO = 3.0, 8.0  # s; other fights are played slower or faster
 HOLD = 2.0  # s, the outcome stays at the end
-_NEUTRAL = (0.85, 0.87, 0.90)
-
-# What happened, in whose colour. Who wins by it is a matter of the rules of the run.
-CAPTIONS: dict[Cause, tuple[str, tuple[float, ...]]] = {
-    Cause.NONE: ("Fight cut short", _NEUTRAL),
-    Cause.INTERCEPT: ("Defender intercepts the attacker", TEAM_COLOURS[DEFENDER]),
-    Cause.REACHED: ("Attacker reaches the target", TEAM_COLOURS[ATTACKER]),
-    Cause.DEFENDER_CRASH: ("Defender crashes", TEAM_COLOURS[ATTACKER]),
-    Cause.ATTACKER_CRASH: ("Attacker crashes", TEAM_COLOURS[DEFENDER]),
-    Cause.BOTH_CRASH: ("Both drones crash", _NEUTRAL),
-    Cause.TIMEOUT: ("Time runs out", _NEUTRAL),
-    Cause.DIVERGED: ("The simulation diverged", _NEUTRAL),
-    Cause.DEFENDER_INVALID: ("Defender's action is not a number", TEAM_COLOURS[ATTACKER]),
-    Cause.ATTACKER_INVALID: ("Attacker's action is not a number", TEAM_COLOURS[DEFENDER]),
-    Cause.BOTH_INVALID: ("Both actions are not numbers", _NEUTRAL),
-}
+DOWN = 0.35  # how opaque a drone of a team that is down is drawn
 
 
 def render_fight(
@@ -71,31 +70,13 @@ def render_fight(
             raise cannot_write(path, error) from None
     with Stage(scene, int(width), int(height)) as stage:
         stage.set_state(fight.qpos[0], fight.target)
-        stage.fit_arena_camera(_points(fight, radii), VIDEO_SIZE[0] / VIDEO_SIZE[1])
+        stage.fit_arena_camera(points(fight, radii[1]), VIDEO_SIZE[0] / VIDEO_SIZE[1])
         if path_png is not None:
             content = io.BytesIO()
             Image.fromarray(_picture(stage, fight, radii)).save(content, "PNG")
             write_atomic(path_png, content.getvalue())
         if path_film is not None:
             write_atomic(path_film, FILMS[path_film.suffix](_frames(stage, fight, radii)))
-
-
-def finite_part(trajectory: Trajectory) -> Trajectory:
-    """The trajectory as float arrays, up to its first state that is not finite."""
-    qpos, qvel = np.asarray(trajectory.qpos, float), np.asarray(trajectory.qvel, float)
-    time, target = np.asarray(trajectory.time, float), np.asarray(trajectory.target, float)
-    steps = len(time)
-    if qpos.shape != (steps, 14) or qvel.shape != (steps, 12) or target.shape != (3,):
-        raise UserError(
-            f"trajectory: qpos {qpos.shape}, qvel {qvel.shape}, target {target.shape} "
-            f"should be ({steps}, 14), ({steps}, 12), (3,)",
-            EXIT_DATA,
-        )
-    finite = np.isfinite(qpos).all(axis=1) & np.isfinite(qvel).all(axis=1)
-    end = steps if finite.all() else int(np.argmin(finite))
-    if end == 0 or not np.isfinite(target).all():
-        raise UserError("trajectory: no finite state to draw", EXIT_DATA)
-    return trajectory._replace(time=time[:end], qpos=qpos[:end], qvel=qvel[:end], target=target)
 
 
 def playback_speed(duration: float) -> float:
@@ -108,22 +89,6 @@ def playback_speed(duration: float) -> float:
     while duration / speed > LONGEST_VIDEO:
         speed *= 2.0
     return speed
-
-
-def interpolate(fight: Trajectory, time: float) -> np.ndarray:
-    """qpos [14] at `time` in s: positions linear, quaternions along the shorter arc, normalised."""
-    after = int(np.clip(np.searchsorted(fight.time, time), 1, max(1, len(fight.time) - 1)))
-    if len(fight.time) == 1:
-        return fight.qpos[0]
-    start, end = fight.time[after - 1], fight.time[after]
-    share = float(np.clip((time - start) / (end - start), 0.0, 1.0))
-    before, following = fight.qpos[after - 1].reshape(2, 7), fight.qpos[after].reshape(2, 7).copy()
-    following[:, 3:] *= np.where(
-        np.sum(before[:, 3:] * following[:, 3:], axis=1, keepdims=True) < 0, -1.0, 1.0
-    )
-    mixed = (1.0 - share) * before + share * following
-    mixed[:, 3:] /= np.maximum(np.linalg.norm(mixed[:, 3:], axis=1, keepdims=True), 1e-9)
-    return mixed.reshape(14)
 
 
 def encode(frames: Iterator[np.ndarray]) -> bytes:
@@ -158,19 +123,22 @@ def _picture(stage: Stage, fight: Trajectory, radii: tuple[float, float]) -> np.
     stage.set_state(fight.qpos[-1], fight.target)
     stage.show_arena()
     every = max(1, round(_ghost_interval(fight) / fight.control_dt))
-    for drone in _present(fight):
-        poses, colour = _poses(fight, drone), TEAM_COLOURS[drone]
-        stage.add_trail(poses[:, :3], colour)
-        for index in range(0, len(poses) - every // 2, every):
-            stage.add_plumb_line(poses[index, :3], colour, 0.35)
-            stage.add_drone(drone, poses[index], alpha=0.45)
-        stage.add_plumb_line(poses[-1, :3], colour, 0.9)
-        stage.add_drone(drone, poses[-1])
-    _add_bubbles(stage, fight, fight.qpos[-1], radii)
+    for drone in present(fight):
+        path, colour = poses(fight, drone), _colour(fight, drone)
+        stage.add_trail(path[:, :3], colour)
+        for index in range(0, len(path) - every // 2, every):
+            if is_down(fight, index, drone):
+                break  # it lies where it is drawn at the end
+            stage.add_plumb_line(path[index, :3], colour, 0.35)
+            stage.add_drone(drone, path[index], alpha=0.45)
+        stage.add_plumb_line(path[-1, :3], colour, 0.9)
+        stage.add_drone(drone, path[-1], alpha=DOWN if is_down(fight, -1, drone) else 1.0)
+    _add_bubbles(stage, fight, len(fight.time) - 1, fight.qpos[-1], radii)
     caption = Caption(stage.pixels(width, height))
-    _label_ends(stage, caption, fight)
-    text, _ = CAPTIONS[Cause(fight.cause)]
-    caption.title(f"{text} after {fight.time[-1]:.2f} s", _speeds(fight, len(fight.time) - 1))
+    _label_starts(stage, caption, fight)
+    _number_drones(stage, caption, fight, fight.qpos[-1])
+    text, _ = ending(Cause(fight.cause), fight.sides)
+    caption.title(f"{text} after {fight.time[-1]:.2f} s", numbers(fight, len(fight.time) - 1))
     caption.legend(f"{drawn_note()}, ghosts every {every * fight.control_dt:.2g} s")
     return caption.pixels()
 
@@ -200,98 +168,92 @@ def _frame(
     width, height = VIDEO_SIZE
     qpos = interpolate(fight, time)
     flown = int(np.searchsorted(fight.time, time, side="right"))
+    index = min(flown, len(fight.time)) - 1
     stage.set_state(qpos, fight.target)
     stage.show_arena()
-    for drone in _present(fight):
-        pose, colour = qpos[7 * drone : 7 * drone + 7], TEAM_COLOURS[drone]
-        stage.add_trail(np.vstack([_poses(fight, drone)[:flown, :3], pose[:3]]), colour)
+    for drone in present(fight):
+        pose, colour = qpos[7 * drone : 7 * drone + 7], _colour(fight, drone)
+        stage.add_trail(np.vstack([poses(fight, drone)[:flown, :3], pose[:3]]), colour)
         stage.add_plumb_line(pose[:3], colour, 0.8)
-        stage.add_drone(drone, pose)
-    _add_bubbles(stage, fight, qpos, radii)
+        stage.add_drone(drone, pose, alpha=DOWN if is_down(fight, index, drone) else 1.0)
+    _add_bubbles(stage, fight, index, qpos, radii)
     caption = Caption(stage.pixels(width, height))
-    caption.title(f"t = {time:.2f} s", _speeds(fight, min(flown, len(fight.time)) - 1))
-    for drone in _present(fight):
-        inset, left, top = _inset(stage, fight, qpos, drone, radii)
-        caption.inset(inset, left, top, f"{SIDES[drone]}'s chase camera", TEAM_COLOURS[drone])
+    _number_drones(stage, caption, fight, qpos)
+    caption.title(f"t = {time:.2f} s", numbers(fight, index))
+    for drone in watched(fight):
+        inset, left, top = _inset(stage, fight, index, qpos, drone, radii)
+        name = f"{shown_names(fight.sides)[drone]}'s chase camera"
+        caption.inset(inset, left, top, name, _colour(fight, drone))
     caption.legend(drawn_note(speed))
     if ended:
-        caption.banner(*CAPTIONS[Cause(fight.cause)])
+        caption.banner(*ending(Cause(fight.cause), fight.sides))
     return caption.pixels()
 
 
 def _inset(
-    stage: Stage, fight: Trajectory, qpos: np.ndarray, drone: int, radii: tuple[float, float]
+    stage: Stage,
+    fight: Trajectory,
+    index: int,
+    qpos: np.ndarray,
+    drone: int,
+    radii: tuple[float, float],
 ) -> Any:
-    """The defender looks at the attacker, the attacker at the target; (pixels, left, top)."""
+    """A defender looks at an attacker, an attacker at the target; (pixels, left, top)."""
     width, height = VIDEO_SIZE[0] * 28 // 100, VIDEO_SIZE[1] * 28 // 100
     margin = VIDEO_SIZE[1] * 2 // 100
-    stage.show_chase(drone, qpos[7:10] if drone == DEFENDER else fight.target)
-    _add_bubbles(stage, fight, qpos, radii, cores=True)
-    left = margin if drone == DEFENDER else VIDEO_SIZE[0] - width - margin
+    stage.show_chase(drone, aim(fight, index, qpos, drone))
+    _add_target(stage, fight, radii)
+    left = margin if fight.sides[drone] == DEFENDER else VIDEO_SIZE[0] - width - margin
     return stage.pixels(width, height), left, VIDEO_SIZE[1] * 145 // 1000
 
 
-def _add_bubbles(
-    stage: Stage,
-    fight: Trajectory,
-    qpos: np.ndarray,
-    radii: tuple[float, float],
-    cores: bool = False,
-) -> None:
-    """The radii of the rules: interception around the defender, reach around the target."""
+def _add_target(stage: Stage, fight: Trajectory, radii: tuple[float, float]) -> None:
     stage.add_bubble(fight.target, radii[1], TARGET_COLOUR, 0.22)
     stage.add_bubble(fight.target, 0.06, TARGET_COLOUR, 1.0)
-    if DEFENDER in _present(fight) and not cores:
-        stage.add_bubble(qpos[:3], radii[0], TEAM_COLOURS[DEFENDER], 0.14)
 
 
-def _label_ends(stage: Stage, caption: Caption, fight: Trajectory) -> None:
-    aspect = PICTURE_SIZE[0] / PICTURE_SIZE[1]
+def _add_bubbles(
+    stage: Stage, fight: Trajectory, index: int, qpos: np.ndarray, radii: tuple[float, float]
+) -> None:
+    """The radii of the rules: reach around the target, interception around each defender that flies."""
+    _add_target(stage, fight, radii)
+    for drone in present(fight):
+        if fight.sides[drone] == DEFENDER and not is_down(fight, index, drone):
+            centre = qpos[7 * drone : 7 * drone + 3]
+            stage.add_bubble(centre, radii[0], TEAM_COLOURS[DEFENDER], 0.14)
+
+
+def _label_starts(stage: Stage, caption: Caption, fight: Trajectory) -> None:
+    """Names the target and where each side starts: in the middle of its drones."""
     foot = np.array([1.0, 1.0, 0.0])
     places = [(fight.target * foot, "target", TARGET_COLOUR, 0.045)]
-    for drone in _present(fight):
-        start, text = _poses(fight, drone)[0, :3], f"{SIDES[drone]}'s start"
-        below = drone == DEFENDER  # the fight is between the two: label both on the far side
+    for side in sorted({fight.sides[drone] for drone in present(fight)}):
+        mates = [drone for drone in present(fight) if fight.sides[drone] == side]
+        start = np.mean([poses(fight, drone)[0, :3] for drone in mates], axis=0)
+        whose = "s'" if len(mates) > 1 else "'s"
+        text = f"{SIDES[side]}{whose} start"
+        below = side == DEFENDER  # the fight is between the two: label both on the far side
         places.append(
-            (start * foot if below else start, text, TEAM_COLOURS[drone], 0.045 if below else -0.06)
+            (start * foot if below else start, text, TEAM_COLOURS[side], 0.045 if below else -0.06)
         )
     for point, text, colour, offset in places:
-        caption.label(stage.project(point, aspect)[0], text, colour, below=offset)
+        caption.label(stage.project(point, PICTURE_ASPECT)[0], text, colour, below=offset)
 
 
-def _speeds(fight: Trajectory, index: int) -> str:
-    parts = [
-        f"{SIDES[drone]} {np.linalg.norm(fight.qvel[index, 6 * drone : 6 * drone + 3]):.1f} m/s"
-        for drone in _present(fight)
-    ]
-    if DEFENDER in _present(fight):
-        parts.append(
-            f"{np.linalg.norm(fight.qpos[index, :3] - fight.qpos[index, 7:10]):.2f} m apart"
-        )
-    parts.append(
-        f"attacker {np.linalg.norm(fight.qpos[index, 7:10] - fight.target):.2f} m from the target"
-    )
-    return "   ".join(parts)
+def _number_drones(stage: Stage, caption: Caption, fight: Trajectory, qpos: np.ndarray) -> None:
+    """Each drone of a team has its number above it; in a duel the colours tell."""
+    if fight.sides == DUEL:
+        return
+    for drone in present(fight):
+        number = drone - team(fight.sides, fight.sides[drone]).start + 1
+        place = stage.project(qpos[7 * drone : 7 * drone + 3], PICTURE_ASPECT)[0]
+        caption.label(place, str(number), _colour(fight, drone), below=-0.05)
 
 
-def _present(fight: Trajectory) -> tuple[int, ...]:
-    """Both drones, or the attacker alone where the defender never moves (scenario solo)."""
-    absent = len(fight.qpos) > 1 and not np.any(np.ptp(fight.qpos[:, :3], axis=0) > 1e-6)
-    return (ATTACKER,) if absent else (DEFENDER, ATTACKER)
-
-
-def _poses(fight: Trajectory, drone: int) -> np.ndarray:
-    return fight.qpos[:, 7 * drone : 7 * drone + 7]
+def _colour(fight: Trajectory, drone: int) -> tuple[float, ...]:
+    return TEAM_COLOURS[fight.sides[drone]]
 
 
 def _ghost_interval(fight: Trajectory) -> float:
     duration = fight.time[-1] - fight.time[0]
     return next((step for step in (0.1, 0.2, 0.3, 0.5, 1.0) if duration / step <= 10), 2.0)
-
-
-def _points(fight: Trajectory, radii: tuple[float, float]) -> np.ndarray:
-    """Everything the arena picture must hold: floor corners, both paths and the target's bubble."""
-    corners = np.array([[x, y, 0.0] for x in (-5.0, 5.0) for y in (-5.0, 5.0)])
-    paths = [_poses(fight, drone)[:, :3] for drone in _present(fight)]
-    bubble = fight.target + radii[1] * np.vstack([np.eye(3), -np.eye(3)])
-    return np.vstack([corners, *paths, bubble])

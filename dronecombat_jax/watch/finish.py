@@ -7,10 +7,15 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from dronecombat_jax.arena.match import AnyPilot, policy_pilot, record, start_fights, trajectory
-from dronecombat_jax.combat.scripted import build_pilot
+from dronecombat_jax.arena.match import (
+    Team,
+    policy_team,
+    record,
+    scripted_team,
+    start_fights,
+    trajectory,
+)
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.config.sides import DUEL, spelt
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files import metrics
 from dronecombat_jax.files.rundir import RunDirectory
@@ -38,13 +43,6 @@ def finish(config: Config) -> None:
     if config.run.figures:
         _draw_curves(run)
     evaluate(run.path, Match(), own_fights=config.run.evaluation_fights)
-    if config.game.sides != DUEL:
-        if config.run.video or config.run.replay:
-            print(
-                f"no picture and no replay: they show one drone a side, not {spelt(config.game.sides)}",
-                flush=True,
-            )
-        return
     if config.run.video:
         saved = load_run(run.path)
         fight = typical_fight(saved, 0)
@@ -86,9 +84,8 @@ def _is_finished(run: RunDirectory, config: Config) -> bool:
     """Whether the last checkpoint has been evaluated and filmed already."""
     wanted = [run.evaluation]
     wanted += [run.figures / "learning.png"] if config.run.figures else []
-    duel = config.game.sides == DUEL
-    wanted += [run.video] if config.run.video and duel else []
-    wanted += [run.replay] if config.run.replay and duel else []
+    wanted += [run.video] if config.run.video else []
+    wanted += [run.replay] if config.run.replay else []
     if not all(path.is_file() for path in wanted):
         return False
     steps = config.num_chunks * config.steps_per_chunk
@@ -119,15 +116,15 @@ def record_fights(
 
     who, combat = flown_by(run, seed_index), run.combat
 
-    def pilot(policy: Policy | None, role: int) -> AnyPilot:
+    def team(policy: Policy | None, role: int) -> Team:
         if policy is None:
-            return build_pilot(str(who[role]), run.config, combat.scene, role)
-        return policy_pilot(run.config.learn, policy, role)
+            return scripted_team(combat, str(who[role]), role)
+        return policy_team(run.config, run.config.learn, policy, role)
 
     def match(defender: Policy | None, attacker: Policy | None, key: jax.Array) -> FightRecord:
         start_key, fight_key = jax.random.split(key)
-        pilots = pilot(defender, DEFENDER), pilot(attacker, ATTACKER)
-        return record(combat, *pilots, start_fights(combat, start_key, fights), fight_key)
+        teams = team(defender, DEFENDER), team(attacker, ATTACKER)
+        return record(combat, *teams, start_fights(combat, start_key, fights), fight_key)
 
     flown = [None if isinstance(flyer, str) else flyer for flyer in who]
     return jax.device_get(jax.jit(match)(*flown, jax.random.key(seed)))

@@ -25,8 +25,9 @@ from dronecombat_jax.config.sides import require_duel
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.report.map_panels import Panel, pairs_of, panel_of, panel_steps
 from dronecombat_jax.report.pairs_page import PairsMap, pairs_data
-from dronecombat_jax.report.replay_data import Fight, rules_of
+from dronecombat_jax.report.replay_data import Fight
 from dronecombat_jax.report.replay_page import pairs_page
+from dronecombat_jax.report.shown_rules import rules_of
 from dronecombat_jax.tournaments.entrants import Field, read_field
 from dronecombat_jax.types import FightRecord, Policy, Trajectory
 from dronecombat_jax.watch.recording import joined

@@ -13,10 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.arena.lanes import fight_key, start_states
-from dronecombat_jax.arena.match import AnyPilot, policy_pilot, record, trajectory
+from dronecombat_jax.arena.match import Team, policy_team, record, scripted_team, trajectory
 from dronecombat_jax.arena.players import content_words
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.scripted import build_pilot
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.types import EnvState, FightRecord, Policy, Trajectory
 from dronecombat_jax.watch.flyers import Flyer
@@ -41,7 +40,7 @@ def recorder(combat: Combat, filming: Filming) -> Record:
 
     @partial(jax.jit, static_argnums=0)
     def fly(kinds: tuple[Kind, ...], pilots: tuple[Policy | None, ...], words: jax.Array) -> Any:
-        act = partial(_pilot, combat, filming.stochastic)
+        act = partial(_team, combat, filming.stochastic)
         each = [act(role, *given) for role, given in enumerate(zip(kinds, pilots, strict=True))]
 
         def fly_one(start: EnvState, episode: jax.Array) -> FightRecord:
@@ -63,21 +62,24 @@ def recorder(combat: Combat, filming: Filming) -> Record:
     return call
 
 
-def _pilot(
+def _team(
     combat: Combat,
     stochastic: bool,
     role: int,
     kind: Kind,
     policy: Policy | None,
-) -> AnyPilot:
+) -> Team:
     if isinstance(kind, str):
-        return build_pilot(kind, combat.config, combat.scene, role)
+        return scripted_team(combat, kind, role)
     assert policy is not None
-    return policy_pilot(kind, policy, role, stochastic)
+    return policy_team(combat.config, kind, policy, role, stochastic)
 
 
 def joined(fights: FightRecord) -> FightRecord:
     """Records of single fights, leaves [E, T, 1, ...] and [E, 1, ...], as that of E fights."""
-    qpos, qvel, action = (np.swapaxes(leaf[:, :, 0], 0, 1) for leaf in fights[:3])
+    steps = (*fights[:3], fights.down, fights.struck)
+    qpos, qvel, action, down, struck = jax.tree.map(
+        lambda leaf: np.swapaxes(leaf[:, :, 0], 0, 1), steps
+    )
     start, result = jax.tree.map(lambda leaf: leaf[:, 0], (fights.start, fights.result))
-    return FightRecord(qpos, qvel, action, start, result)  # pyright: ignore[reportArgumentType]
+    return FightRecord(qpos, qvel, action, start, result, down, struck)

@@ -14,12 +14,12 @@ from typing import NamedTuple
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.config.sides import require_duel
 from dronecombat_jax.config.starts import with_starts
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.files.atomic import cannot_write, write_atomic
-from dronecombat_jax.report.replay_data import Fight, Rules, replay_data, rules_of
+from dronecombat_jax.report.replay_data import Fight, replay_data
 from dronecombat_jax.report.replay_page import CELL_HEIGHT, cell, page
+from dronecombat_jax.report.shown_rules import Rules, rules_of
 from dronecombat_jax.report.video import FILMS, render_fight
 from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES
 from dronecombat_jax.watch.flyers import (
@@ -93,7 +93,6 @@ def replay(
 ) -> int:
     """Fly, write and name the file; returns 0. UserError: 2 for words, 3 for data, 73 for files."""
     crew = read_crew(named)
-    require_duel(crew.config.game.sides, "a replay")
     path = out or _place(crew, evolution)
     if path.suffix not in SUFFIXES:
         raise UserError(f"{path}: a replay ends in {', '.join(SUFFIXES)}")

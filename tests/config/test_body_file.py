@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from own_bodies import FIRMWARE, write_body
 
@@ -82,3 +83,13 @@ def test_a_training_is_refused_before_jax_and_a_setting_takes_a_file(tmp_path: P
     with pytest.raises(UserError, match=r"or a file of your own, NAME\.toml"):
         settings.load(None, {"sim.body": "isac"})
     assert len(FIRMWARE) == len(KEYS)
+
+
+def test_the_example_in_the_documentation_is_a_body(tmp_path: Path):
+    page = (Path(__file__).parents[2] / "docs" / "own_drone.md").read_text()
+    file = tmp_path / "body.toml"
+    file.write_text(page.split("```toml\n")[1].split("```")[0])
+    given, wanted = read_body(str(file)), read_body(str(write_body(tmp_path, "firmware.toml")))
+    assert given.keys() == wanted.keys()
+    for key, value in given.items():
+        np.testing.assert_allclose(value, wanted[key], rtol=2e-3)

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import Tab, chromium
-from duels import RULES, fights
+from duels import RULES, fights, two_against_two
 from PIL import Image
 
+from dronecombat_jax.report.replay_data import Fight
 from dronecombat_jax.watch.replay import Replay
 
 pytestmark = pytest.mark.tour
@@ -36,7 +37,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Addresses of pages: one fight, four with hostile names, an attacker alone, two cells."""
+    """Addresses of pages: one fight, four with hostile names, an attacker alone, two cells, teams."""
     folder = tmp_path_factory.mktemp("pages")
     single, four = (Replay(name, "about", tuple(fights(count, 100, name)), RULES)
                  for name, count in (("one", 1), (HOSTILE, 4)))  # fmt: skip
@@ -44,6 +45,8 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     four.save(folder / "four.html")
     alone = Replay("alone", "", single.fights, RULES._replace(alone=True))
     alone.save(folder / "alone.html")
+    team = Fight(two_against_two(), "Fight 1", ("both", "both"))
+    Replay("teams", "", (team,), RULES).save(folder / "teams.html")
     cells = (
         f"<body style='margin: 0'>{single._repr_html_()}<p>between</p>{four._repr_html_()}</body>"
     )
@@ -273,6 +276,36 @@ def test_an_attacker_that_flies_alone(browser: Any, pages: dict[str, str]):
     tab.page.keyboard.press("d")
     assert tab.run("return replay.stage.rig.followed") is None  # there is no defender to follow
     assert picture(tab, tab.run(LOCATE, [0, 1, 1.0])).std() > 12
+    tab.close()
+
+
+def test_teams(browser: Any, pages: dict[str, str]):
+    """Drone by drone, numbers and who is down; attacker 2 (drone 3) was struck after 0.8 s."""
+    tab = Tab(browser, pages["teams"], WIDE)
+    tab.run("replay.clock.seek(1.0)")
+    tab.settle()
+    places, target = two_against_two().qpos[50].reshape(4, 7)[:, :3], np.array([5.0, 5.0, 1.0])
+    speeds = np.linalg.norm(two_against_two().qvel[50].reshape(4, 6)[:, :3], axis=1)
+    lines = tab.page.locator(".team tbody tr").all_inner_texts()
+    assert [line.split("\t") for line in lines] == [
+        ["Defender 1", f"{speeds[0]:.1f}", "1.00"],
+        ["Defender 2", "0.0", "1.00"],
+        ["Attacker 1", f"{speeds[2]:.1f}", "1.00"],
+        ["Attacker 2", "down", "1.00"],
+    ]
+    apart, _, away = tab.page.locator(".between .number").all_inner_texts()
+    nearest = np.linalg.norm(places[:2] - places[2], axis=1).min()  # attacker 2 does not count
+    assert (apart, away) == (f"{nearest:.2f}", f"{np.linalg.norm(places[2] - target):.2f}")
+    texts = tab.page.locator(".events li span").all_inner_texts()
+    assert texts[0] == "Defender 2 strikes attacker 2" and len(texts) == 3
+    assert all(picture(tab, tab.run(LOCATE, [0, drone, 1.0])).std() > 12 for drone in range(4))
+    followed = []
+    for key in "ddda":  # attacker 2 is down, so that there is one to follow
+        tab.page.keyboard.press(key)
+        followed.append(tab.run("return replay.stage.rig.followed"))
+    assert followed == [0, 1, 0, 2]
+    tab.page.get_by_role("button", name="Attacker 2", exact=True).click()
+    assert tab.run("return replay.stage.rig.followed") == 3
     tab.close()
 
 

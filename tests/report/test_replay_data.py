@@ -13,13 +13,9 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config, GameConfig, RandomiseConfig, SimConfig
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.report.replay_data import (
-    MOST_STATES,
-    Fight,
-    replay_data,
-    rules_of,
-    verdict,
-)
+from dronecombat_jax.report.endings import verdict
+from dronecombat_jax.report.replay_data import MOST_STATES, Fight, replay_data
+from dronecombat_jax.report.shown_rules import rules_of
 from dronecombat_jax.sim.scene import load_scene
 from dronecombat_jax.types import Cause, Outcome
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dronecombat_jax.report.replay_data import Fight, Rules
+from dronecombat_jax.report.replay_data import Fight
+from dronecombat_jax.report.shown_rules import Rules
 from dronecombat_jax.types import Cause, Outcome, Trajectory
 
 CONTROL_DT = 0.02
@@ -45,3 +46,34 @@ def fights(count: int, steps: int = 100, name: str = "Fight") -> list[Fight]:
     """So many of them, each another."""
     pilots = (f"{name} defender", f"{name} attacker")
     return [Fight(duel(steps, seed=seed), f"{name} {seed + 1}", pilots) for seed in range(count)]
+
+
+def two_against_two(steps: int = 100) -> Trajectory:
+    """Defenders 0 and 1 along y = 1 and y = -1, attackers 2 and 3 with them, 2 m behind.
+
+    After 40 steps defender 1 meets attacker 3 and takes it out; after 60 defender 0 crashes; at the
+    end attacker 2 is at the target.
+    """
+    time, sides = CONTROL_DT * np.arange(steps + 1), (0, 0, 1, 1)
+    places = np.zeros((steps + 1, 4, 3))
+    for drone, start in enumerate(
+        [(2.0, 1.0, 1.0), (2.0, -1.0, 1.0), (0.0, 1.0, 1.0), (0.0, -1.0, 1.0)]
+    ):
+        places[:, drone] = start + np.linspace(0.0, 1.0, steps + 1)[:, None] * (
+            np.array(TARGET) - start
+        )
+    meets = int(0.4 * steps)
+    places[meets:, 3] = places[meets, 3]
+    places[:, 1] = places[:1, 1] + np.minimum(np.arange(steps + 1) / meets, 1.0)[:, None] * (
+        places[meets, 3] + np.array([0.1, 0.0, 0.0]) - places[:1, 1])  # fmt: skip
+    falls = int(0.6 * steps)
+    places[falls:, 0] = places[falls, 0] * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, 0.1])
+    down, struck = np.zeros((steps + 1, 4), bool), np.zeros((steps + 1, 4), bool)
+    down[meets:, 3] = struck[meets:, 3] = down[falls:, 0] = True
+    qpos, qvel = np.zeros((steps + 1, 4, 7)), np.zeros((steps + 1, 4, 6))
+    qpos[..., :3], qpos[..., 3] = places, 1.0
+    qvel[..., :3] = np.where(down[..., None], 0.0, np.gradient(places, CONTROL_DT, axis=0))
+    flat = lambda values: values.reshape(steps + 1, -1)
+    action = np.random.default_rng(0).uniform(-1, 1, (steps + 1, 4, 4))
+    return Trajectory(time, flat(qpos), flat(qvel), action, np.array(TARGET), int(Cause.REACHED),
+                      CONTROL_DT, sides=sides, down=down, struck=struck)  # fmt: skip

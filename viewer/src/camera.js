@@ -23,7 +23,7 @@ export class Rig {
   constructor() {
     this.camera = new PerspectiveCamera(FIELD, 1, 0.02, 200);
     this.camera.up.set(0, 0, 1);
-    this.followed = null; // a role, or null: the overview
+    this.followed = null; // a drone, or null: the overview
     this.reset();
   }
 
@@ -57,9 +57,9 @@ export class Rig {
   place(flight, time, points, aspect, trueSize) {
     const { view, camera } = this;
     const now = Math.min(time, flight.end);
-    const role = flight.drones.includes(this.followed) ? this.followed : flight.drones[0];
+    const drone = flight.drones.includes(this.followed) ? this.followed : flight.drones[0];
     const follows = this.followed !== null;
-    const turn = follows ? view.yaw + heading(flight, role, now) : view.yaw;
+    const turn = follows ? view.yaw + heading(flight, drone, now) : view.yaw;
     const flatness = Math.cos(view.pitch);
     const back = new Vector3(
       Math.cos(turn) * flatness,
@@ -68,7 +68,7 @@ export class Rig {
     );
     const pivot = new Vector3();
     if (follows) {
-      pivot.fromArray(flight.position(role, now));
+      pivot.fromArray(flight.position(drone, now));
       this.distance = CHASE * (trueSize ? 1 : ENLARGEMENT) * view.zoom;
     } else {
       const { pivot: middle, far } = fit(points, back, aspect);
@@ -116,12 +116,12 @@ function fit(points, back, aspect) {
 }
 
 /** Calm direction over ground, rad, from a drone to what it is after. */
-function heading(flight, role, time) {
+function heading(flight, drone, time) {
   let [x, y] = [0, 0];
   for (let shift = -CALM; shift <= CALM + 1e-9; shift += CALM / 3) {
     const when = Math.min(Math.max(time + shift, 0), flight.end);
-    const from = flight.position(role, when);
-    const to = aim(flight, role, when);
+    const from = flight.position(drone, when);
+    const to = aim(flight, drone, when);
     const length = Math.hypot(to[0] - from[0], to[1] - from[1]) || 1;
     x += (to[0] - from[0]) / length;
     y += (to[1] - from[1]) / length;

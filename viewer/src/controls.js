@@ -29,7 +29,11 @@ export class Controls {
       ...SPEEDS.map((value) => element("option", { value, text: speedName(value) })),
     );
     this.speed.addEventListener("change", () => acts.speed(Number(this.speed.value)));
-    this.cameras = CAMERAS.map(([role, label]) => ({ role, ...cameraButton(role, label, acts) }));
+    this.cameras = CAMERAS.map(([side, label]) => ({
+      side,
+      label,
+      node: cameraButton(side, label, acts),
+    }));
     this.trueSize = checkbox("True size", acts.trueSize);
     this.repeat = tool("Repeat", ICONS.repeat, acts.toggleRepeat, "repeat");
     const camera = element("div", { class: "segments", role: "group", "aria-label": "Camera" });
@@ -52,10 +56,15 @@ export class Controls {
     );
   }
 
-  /** A drone that no fight shows cannot be followed. */
-  offer(drones) {
-    for (const { role, node } of this.cameras)
-      node.hidden = role !== null && !drones.includes(role);
+  /** A side that no fight shows cannot be followed; of a team one drone after the other is. */
+  offer(flight) {
+    this.flight = flight;
+    for (const { side, label, node } of this.cameras) {
+      if (side === null) continue;
+      const mates = flight.mates(side);
+      node.hidden = !mates.length;
+      if (mates.length > 1) node.title = `Fly behind the next ${label.toLowerCase()}`;
+    }
   }
 
   show(clock, stage) {
@@ -71,20 +80,24 @@ export class Controls {
     this.repeat.setAttribute("aria-pressed", String(clock.repeat));
     if (stage === null) return;
     this.trueSize.box.checked = stage.trueSize;
-    for (const { role, node } of this.cameras) {
-      node.setAttribute("aria-pressed", String(role === stage.rig.followed));
+    const { followed } = stage.rig;
+    for (const { side, label, node } of this.cameras) {
+      const pressed = followed === null ? side === null : side === this.flight.sides[followed];
+      node.setAttribute("aria-pressed", String(pressed));
+      const name = pressed && side !== null ? this.flight.names[followed] : label;
+      write(node, name[0].toUpperCase() + name.slice(1));
     }
   }
 }
 
-function cameraButton(role, label, acts) {
+function cameraButton(side, label, acts) {
   const node = element("button", {
     type: "button",
     text: label,
-    on: { click: () => acts.follow(role) },
+    on: { click: () => acts.follow(side) },
   });
-  node.title = role === null ? "See the whole fight" : `Fly behind the ${label.toLowerCase()}`;
-  return { node };
+  node.title = side === null ? "See the whole fight" : `Fly behind the ${label.toLowerCase()}`;
+  return node;
 }
 
 function checkbox(text, act) {

@@ -5,7 +5,8 @@
 
 export const DEFENDER = 0;
 export const ATTACKER = 1;
-export const ROLES = ["defender", "attacker"];
+export const ROLES = ["defender", "attacker"]; // the sides; in a duel their drones, too
+const DUEL = [DEFENDER, ATTACKER];
 
 const COLUMNS = 14; // of a drone in a state: position 3, quaternion 4, velocity 3, action 4
 const QUATERNION = 3;
@@ -19,7 +20,10 @@ export class Flight {
     const { name, note, defender, attacker, target, dt, frames, result, events } = raw;
     Object.assign(this, { name, note, target, dt, frames, result, events });
     this.pilots = [defender, attacker];
-    this.drones = raw.alone ? [ATTACKER] : [DEFENDER, ATTACKER];
+    this.sides = raw.sides ?? DUEL; // of each drone; a duel's data do not say it
+    this.names = raw.names ?? ROLES;
+    this.team = this.sides.length > 2;
+    this.drones = [...this.sides.keys()].filter((drone) => !raw.alone || this.sides[drone]);
     this.end = result.time;
     this.states = unpack(raw.states, raw.extent, raw.fastest);
   }
@@ -88,21 +92,44 @@ export class Flight {
     return Math.hypot(...this.velocity(drone, time));
   }
 
-  /** Distance between the drones. */
+  /** The drones of a side that take part. */
+  mates(side) {
+    return this.drones.filter((drone) => this.sides[drone] === side);
+  }
+
+  /** Those of them that fly at `time`; all where none does. */
+  flying(side, time) {
+    const mates = this.mates(side);
+    const up = mates.filter((drone) => !this.down(drone, time));
+    return up.length ? up : mates;
+  }
+
+  /** The defender and the attacker that are nearest to each other, of those that fly. */
+  nearest(time) {
+    const pairs = this.flying(DEFENDER, time).flatMap((defender) =>
+      this.flying(ATTACKER, time).map((attacker) => [defender, attacker]),
+    );
+    const apart = ([a, b]) => distance(this.position(a, time), this.position(b, time));
+    return pairs.reduce((best, pair) => (apart(pair) < apart(best) ? pair : best));
+  }
+
+  /** Distance between those two. */
   apart(time) {
-    return distance(this.position(DEFENDER, time), this.position(ATTACKER, time));
+    const [defender, attacker] = this.nearest(time);
+    return distance(this.position(defender, time), this.position(attacker, time));
   }
 
-  /** Distance from the attacker to the target. */
+  /** Distance from the nearest attacker that flies to the target. */
   toTarget(time) {
-    return distance(this.position(ATTACKER, time), this.target);
+    const away = (drone) => distance(this.position(drone, time), this.target);
+    return Math.min(...this.flying(ATTACKER, time).map(away));
   }
 
-  /** Whether the drone lies on the ground at `time`. */
+  /** Whether the drone has crashed or was struck by `time`. */
   down(drone, time) {
-    const crash = ({ kind, roles, time: when }) =>
-      kind === "crash" && roles.includes(drone) && when <= time + 1e-6;
-    return this.events.some(crash);
+    const fell = ({ kind, roles, time: when }) =>
+      kind !== "end" && roles.includes(drone) && when <= time + 1e-6;
+    return this.events.some(fell);
   }
 
   /** Positions of all states of a drone: [x, y, z, x, y, z, ...]. */
@@ -124,7 +151,7 @@ export class Flight {
   }
 
   offset(index, drone) {
-    return (2 * index + drone) * COLUMNS;
+    return (this.sides.length * index + drone) * COLUMNS;
   }
 }
 
@@ -132,7 +159,7 @@ export function distance(a, b) {
   return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }
 
-/** Base64 of little-endian int16, [frames, 2, 14], to numbers with their units. */
+/** Base64 of little-endian int16, [frames, drones, 14], to numbers with their units. */
 function unpack(text, extent, fastest) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   const view = new DataView(bytes.buffer);

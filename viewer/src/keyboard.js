@@ -5,7 +5,7 @@ export const KEYS = [
   ["← →", "a step back, a step on (with Shift: ten)"],
   ["Home, End", "to the start, to the end"],
   ["− +", "slower, faster"],
-  ["O, D, A", "overview, follow the defender, follow the attacker"],
+  ["O, D, A", "overview, follow the defender, the attacker (again: the next of the team)"],
   ["N, P", "enlarge the next or the previous fight"],
   ["Esc", "back to all fights"],
   ["S", "true or enlarged size of the drones"],

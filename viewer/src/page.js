@@ -42,7 +42,7 @@ export class Page {
     this.theme = new Theme(host, () => this.paint());
     this.startStage(data.rules);
     this.stopListening = listen(embedded ? this.root : document, this.acts);
-    this.controls.offer([...new Set(this.flights.flatMap((flight) => flight.drones))]);
+    this.controls.offer(this.flights[0]);
     this.watchSize();
     this.open(this.flights.length === 1 ? 0 : null, true);
     if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches) this.clock.play(true);
@@ -69,7 +69,8 @@ export class Page {
       faster: () => clock.changeSpeed(1),
       slower: () => clock.changeSpeed(-1),
       repeat: (on) => this.touch((clock.repeat = on)),
-      follow: (role) => this.follow(role),
+      follow: (side) => this.follow(side === null ? null : this.nextOf(side)),
+      followDrone: (drone) => this.follow(drone),
       trueSize: (on) => this.stage && this.touch((this.stage.trueSize = on)),
       toggleSize: () => this.acts.trueSize(!this.stage?.trueSize),
       toggleRepeat: () => this.acts.repeat(!clock.repeat),
@@ -125,11 +126,18 @@ export class Page {
     if (this.embedded) this.root.querySelector(".controls button").focus({ preventScroll: true });
   }
 
-  follow(role) {
-    const flies = role === null || this.flights.some(({ drones }) => drones.includes(role));
-    if (!this.stage || !flies) return;
-    this.stage.rig.followed = role;
+  /** Follow a drone, or see the whole fight (null). */
+  follow(drone) {
+    if (!this.stage || drone === undefined) return;
+    this.stage.rig.followed = drone;
     this.touch();
+  }
+
+  /** The drone of a side to follow: the first that flies, or the one after that which is followed. */
+  nextOf(side) {
+    const flight = this.flights[this.focus ?? 0];
+    const mates = flight.flying(side, Math.min(this.clock.time, flight.end));
+    return mates.find((drone) => drone > (this.stage?.rig.followed ?? Infinity)) ?? mates[0];
   }
 
   paint() {
@@ -201,7 +209,8 @@ export class Page {
 function tally(flights, time) {
   const over = flights.filter(({ end }) => time >= end - 1e-6);
   const won = (winner) => over.filter(({ result }) => result.winner === winner).length;
-  const parts = ROLES.map((role) => `${role} ${won(role)}`);
+  const many = (side) => (flights[0].mates(side).length > 1 ? "s" : "");
+  const parts = ROLES.map((role, side) => `${role}${many(side)} ${won(role)}`);
   const rest = over.length - won("defender") - won("attacker");
   if (rest) parts.push(`nobody ${rest}`);
   return `Won: ${parts.join(", ")} (${over.length} of ${flights.length} over)`;

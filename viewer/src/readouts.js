@@ -1,6 +1,7 @@
 /** Numbers of the enlarged fight: both drones, distances, what happened and who wins. */
-import { ATTACKER, DEFENDER, ROLES } from "./flight.js";
+import { DEFENDER, ROLES } from "./flight.js";
 import { element, seconds, tool, write } from "./dom.js";
+import { teamCard } from "./team-card.js";
 
 const NO_NUMBER = "–";
 
@@ -25,7 +26,10 @@ export class Readouts {
     );
     this.browse.hidden = flights.length === 1;
     this.verdict = element("p", { class: "verdict", "aria-live": "polite" });
-    this.cards = ROLES.map((role, index) => droneCard(role, index, rules));
+    const { team } = flights[0];
+    this.cards = ROLES.map((role, side) =>
+      team ? teamCard(flights[0], side, acts) : droneCard(role, side, rules),
+    );
     this.between = pairs([
       ["Apart", "m"],
       ["Closing", "m/s"],
@@ -54,10 +58,10 @@ export class Readouts {
     if (index === null) return;
     const { flight } = this;
     write(this.place, `${index + 1} of ${this.flights.length}`);
-    this.cards.forEach(({ card, name }, role) => {
-      card.hidden = !flight.drones.includes(role);
-      write(name, flight.pilots[role]);
-      name.title = flight.pilots[role];
+    this.cards.forEach(({ card, name }, side) => {
+      card.hidden = !flight.mates(side).length;
+      write(name, flight.pilots[side]);
+      name.title = flight.pilots[side];
     });
     this.panel.classList.toggle("uneventful", flight.events.length === 1);
     this.events.replaceChildren(...flight.events.map((event) => this.eventRow(event)));
@@ -73,9 +77,11 @@ export class Readouts {
       this.verdict,
       over ? flight.result.sentence : [flight.name, flight.note].filter(Boolean).join(", "),
     );
-    for (const role of flight.drones) this.cards[role].show(flight, role, now);
+    this.cards.forEach(({ show }, side) => {
+      if (flight.mates(side).length) show(flight, side, now);
+    });
     const { values } = this.between;
-    const both = flight.drones.includes(DEFENDER);
+    const both = flight.mates(DEFENDER).length > 0;
     write(values[0], both ? flight.apart(now).toFixed(2) : NO_NUMBER);
     write(values[1], both ? signed(closingSpeed(flight, now)) : NO_NUMBER);
     write(values[2], flight.toTarget(now).toFixed(2));
@@ -156,10 +162,11 @@ function bar(kind) {
   };
 }
 
-/** How fast the distance between the drones shrinks, m/s. */
+/** How fast the distance between the two nearest drones shrinks, m/s. */
 function closingSpeed(flight, time) {
-  const [a, b] = [flight.position(DEFENDER, time), flight.position(ATTACKER, time)];
-  const [u, v] = [flight.velocity(DEFENDER, time), flight.velocity(ATTACKER, time)];
+  const pair = flight.nearest(time);
+  const [a, b] = pair.map((drone) => flight.position(drone, time));
+  const [u, v] = pair.map((drone) => flight.velocity(drone, time));
   const gap = Math.hypot(...a.map((x, i) => x - b[i])) || 1;
   return -a.reduce((sum, x, i) => sum + ((x - b[i]) / gap) * (u[i] - v[i]), 0);
 }

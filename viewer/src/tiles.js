@@ -1,5 +1,5 @@
 /** The grid of fights: over each picture a transparent tile with its name and its outcome. */
-import { DEFENDER } from "./flight.js";
+import { ATTACKER, DEFENDER } from "./flight.js";
 import { element, icon, seconds, write } from "./dom.js";
 
 const ENLARGE =
@@ -93,7 +93,8 @@ function tile(flight, index, onOpen) {
 }
 
 function distances(flight, time) {
-  const parts = [];
-  if (flight.drones.includes(DEFENDER)) parts.push(`${flight.apart(time).toFixed(2)} m apart`);
+  const up = (side) => flight.mates(side).filter((drone) => !flight.down(drone, time)).length;
+  const parts = flight.team ? [`${up(DEFENDER)} against ${up(ATTACKER)} fly`] : [];
+  if (flight.mates(DEFENDER).length) parts.push(`${flight.apart(time).toFixed(2)} m apart`);
   return [...parts, `${flight.toTarget(time).toFixed(2)} m to the target`].join("  ·  ");
 }

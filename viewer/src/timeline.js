@@ -62,9 +62,12 @@ export class Timeline {
   }
 
   drawCurves(flight, x) {
-    const curves = [["target", "attacker to target", (time) => flight.toTarget(time)]];
-    if (flight.drones.includes(DEFENDER)) {
-      curves.unshift(["apart", "between the drones", (time) => flight.apart(time)]);
+    const [between, left] = flight.team
+      ? ["nearest defender and attacker", "nearest attacker to target"]
+      : ["between the drones", "attacker to target"];
+    const curves = [["target", left, (time) => flight.toTarget(time)]];
+    if (flight.mates(DEFENDER).length) {
+      curves.unshift(["apart", between, (time) => flight.apart(time)]);
     }
     const times = Array.from({ length: POINTS + 1 }, (_, i) => (flight.end * i) / POINTS);
     const drawn = curves.map(([name, label, of]) => ({ name, label, values: times.map(of) }));

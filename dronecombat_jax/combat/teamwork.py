@@ -27,7 +27,7 @@ from dronecombat_jax.types import ATTACKER, DEFENDER, Drones
 PINCER_ANGLE = np.pi / 4  # rad from the straight way to the target, of the outermost attackers
 PINCER_END = 2.5  # m before the target they fly straight; from twice that on they turn in
 DECOY_DISTANCE = 2.0  # m to a defender, within which an attacker turns away
-OUT = 1e3  # s, the time to go between drones of which one is down
+OUT = 1e3  # s to go, or m away: between drones of which one is down
 
 
 class Field(NamedTuple):
@@ -79,9 +79,7 @@ def decoy(body: Airframe, field: Field, number: int) -> jax.Array:
 
     Of team mates at the same distance the first turns away.
     """
-    away_from = jnp.linalg.norm(_ways(field.own, field.others), axis=-1)  # [E, D, M]
-    flying = field.own_fly[:, :, None] & field.others_fly[:, None]
-    gaps = jnp.where(flying, away_from, jnp.asarray(jnp.inf))
+    gaps = _where_flying(field, jnp.linalg.norm(_ways(field.own, field.others), axis=-1))
     nearest = jnp.min(gaps, axis=2)  # [E, D]
     chased = (jnp.argmin(nearest, axis=1) == number) & (nearest[:, number] <= DECOY_DISTANCE)
     draws = chased & (jnp.sum(field.own_fly, axis=1) > 1)
@@ -106,8 +104,7 @@ def times_to_go(body: Airframe, field: Field) -> jax.Array:
     closing = -dot(relative, along)[..., 0]
     distance = jnp.linalg.norm(sight, axis=-1)
     root = jnp.sqrt(closing**2 + 2.0 * body.max_force * distance)
-    flying = field.own_fly[:, :, None] & field.others_fly[:, None]
-    return jnp.where(flying, (root - closing) / body.max_force, OUT)
+    return _where_flying(field, (root - closing) / body.max_force)
 
 
 def minded(cost: jax.Array) -> jax.Array:
@@ -158,6 +155,12 @@ def situation(field: Field, number: int, other: jax.Array) -> Situation:
     its = Drones(*(leaf[fights, other] for leaf in field.others))
     seen = lambda it: (it.position, it.velocity, body_z(it.quaternion))
     return Situation(*seen(own), *seen(its), field.target, field.time)
+
+
+def _where_flying(field: Field, values: jax.Array) -> jax.Array:
+    """`values` [E, D, M] of pairs that fly, OUT for the others."""
+    flying = field.own_fly[:, :, None] & field.others_fly[:, None]
+    return jnp.where(flying, values, jnp.full_like(values, OUT))
 
 
 def _ways(own: Drones, others: Drones) -> jax.Array:

@@ -179,10 +179,13 @@ def test_who_is_down_changes_nobodys_action(name: str, combat: Coasting):
 
 @pytest.mark.slow
 def test_who_shares_the_work_stops_more_attackers():
-    """Preset 2v2 in MJX, the same 32 starts: two that each take the nearest, against two that share."""
+    """Preset 2v2 in MJX, the same 32 starts: two that each take the nearest, against two that share.
+
+    Of 256, 140 and 237 (docs/pilots.md).
+    """
     combat = Combat(settings.load("2v2"))
     start = start_fights(combat, jax.random.key(0), 32)
-    attack = scripted_team(combat, "pincer", ATTACKER)
+    attack = scripted_team(combat, "dash", ATTACKER)
 
     def stopped(name: str) -> int:
         defend = scripted_team(combat, name, DEFENDER)
@@ -190,8 +193,7 @@ def test_who_shares_the_work_stops_more_attackers():
         return int(np.sum(np.asarray(fly(start).cause) == Cause.INTERCEPT))
 
     shared, alone = stopped("assigned_navigation"), stopped("proportional_navigation")
-    print(f"stopped of 32: {shared} sharing, {alone} each on its own")
-    assert shared > alone
+    assert shared >= alone + 6
 
 
 def test_they_stand_beside_the_plain_ones_and_have_a_program_of_their_own():

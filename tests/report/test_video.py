@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
+from duels import two_against_two
 from PIL import Image
 
 from dronecombat_jax.config.fields import SimConfig
@@ -141,6 +142,38 @@ def test_both_drones_and_the_target_can_be_seen(scene: Scene):
             assert np.argmax(reds_and_blues) == channel
         points = np.array([[x, y, z] for x in (-5, 5) for y in (-5, 5) for z in (0, 3)], float)
         assert np.abs(stage.project(points, 960 / 540)).max() < 1.0
+
+
+@pytest.mark.usefixtures("opengl", "small")
+def test_teams_are_numbered_and_who_is_down_is_pale(tmp_path: Path, monkeypatch):
+    """Drones 0 and 3 are down at the end; attacker 1 arrives, and defender 1 was nearest to it."""
+    labels, insets, drawn = [], [], {}
+    label, inset, add = video.Caption.label, video.Caption.inset, Stage.add_drone
+
+    def labelled(self, at, text, *given, **named):
+        labels.append(text)
+        label(self, at, text, *given, **named)
+
+    def framed(self, pixels, left, top, text, colour):
+        insets.append(text)
+        inset(self, pixels, left, top, text, colour)
+
+    def added(self, drone, qpos, alpha=1.0, **named):
+        drawn[drone] = alpha
+        add(self, drone, qpos, alpha, **named)
+
+    monkeypatch.setattr(video.Caption, "label", labelled)
+    monkeypatch.setattr(video.Caption, "inset", framed)
+    monkeypatch.setattr(Stage, "add_drone", added)
+    fight = two_against_two(10)
+    render_fight(fight, load_scene(SimConfig(), sides=fight.sides), tmp_path / "fight.png", None)
+    assert labels == ["target", "defenders' start", "attackers' start", "1", "2", "1", "2"]
+    assert drawn == {0: video.DOWN, 1: 1.0, 2: 1.0, 3: video.DOWN}
+    drawn.clear()
+    film = tmp_path / "fight.gif"
+    render_fight(fight, load_scene(SimConfig(), sides=fight.sides), None, film)
+    assert set(insets) == {"defender 1's chase camera", "attacker 1's chase camera"}
+    assert drawn == {0: video.DOWN, 1: 1.0, 2: 1.0, 3: video.DOWN} and film.stat().st_size > 1000
 
 
 def test_playback_speed():

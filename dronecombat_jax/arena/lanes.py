@@ -23,10 +23,10 @@ from dronecombat_jax.arena.match import (
     mate_key,
     no_result,
 )
-from dronecombat_jax.arena.players import Kind
+from dronecombat_jax.arena.players import Kind, names_flown
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.observe import layout_of
-from dronecombat_jax.combat.scripted import PILOTS, PLANNERS, build_pilot, one_per_fight
+from dronecombat_jax.combat.scripted import build_pilot, one_per_fight
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.sides import team
@@ -67,7 +67,9 @@ class Side(NamedTuple):
     rows: jax.Array  # [blocks, block] int32, the lane on each seat; an empty seat repeats lane 0
     # [L] int32, the seat of each lane, counted through all blocks; 0 for a lane without one
     seat: jax.Array
-    pilot: jax.Array  # [L] int32, the scripted pilot, numbered as in `PILOTS`; -1: a policy flies
+    pilot: (
+        jax.Array
+    )  # [L] int32, the scripted pilot, numbered as in `names_flown`; -1: a policy flies
 
 
 class Drone(NamedTuple):
@@ -186,7 +188,7 @@ def _pilot(
         policies = _policies(kind, side.policies, side, drone, keys)
         policies = _seeing(combat, kind.observation, policies)
     role = drone.role
-    names = [PLANNERS[role]] if kind.plans else PILOTS[role]
+    names = names_flown(kind, role)
     pilots = (
         [build_pilot(name, combat.config, combat.scene, role, drone.place) for name in names]
         if kind.scripted

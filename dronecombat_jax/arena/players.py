@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecombat_jax.combat.observe import layout_of
-from dronecombat_jax.combat.scripted import PILOTS, PLANNERS
+from dronecombat_jax.combat.scripted import PILOTS, PLANNERS, TEAMWORK
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
@@ -31,6 +31,9 @@ class Player(NamedTuple):
     observation: str = ""  # the layout that it sees, of `OBSERVATIONS`; "": that of the game flown
 
 
+_TEAMS = "teams"  # the group of scripted pilots that fly as teams
+
+
 class Kind(NamedTuple):
     """What one program can fly on one side."""
 
@@ -41,21 +44,23 @@ class Kind(NamedTuple):
     memory: int = 0  # numbers that the policies remember of a fight
     others: int = 0  # units of their layer for slots of others (`types.Encoder`); 0: none
     plans: bool = False  # the side's planner flies, and nobody else
+    teams: bool = False  # scripted pilots of `TEAMWORK` fly, and nobody else
 
 
 def alike(players: Sequence[Player]) -> list[list[int]]:
     """Indices of players by network; scripted pilots join the first, so that they need no program
-    of their own. A planner has one: it is far dearer than the others.
+    of their own. A planner has one, since it is far dearer than the others, and so have the pilots
+    that fly as teams.
     """
     groups: dict[Any, list[int]] = {}
     for index, player in enumerate(players):
-        group = player.pilot if _plans(player) else _network(player)
+        group = player.pilot if _plans(player) else _TEAMS if _in_team(player) else _network(player)
         groups.setdefault(group, []).append(index)
     scripted = groups.pop(None, [])
-    planners = [groups.pop(name) for name in PLANNERS.values() if name in groups]
+    apart = [groups.pop(name) for name in (*PLANNERS.values(), _TEAMS) if name in groups]
     first, *others = list(groups.values()) or [[]]
     together = sorted([*first, *scripted])
-    return [*([together] if together or not planners else []), *others, *planners]
+    return [*([together] if together or not apart else []), *others, *apart]
 
 
 def kind_of(players: Sequence[Player]) -> Kind:
@@ -63,8 +68,8 @@ def kind_of(players: Sequence[Player]) -> Kind:
     networks = {_network(player) for player in players}
     nothing = ((), False, "", 0, 0)
     sizes, normalize, observation, memory, others = next(filter(None, networks), nothing)
-    plans = any(map(_plans, players))
-    return Kind(sizes, normalize, None in networks, observation, memory, others, plans)
+    plans, teams = any(map(_plans, players)), any(map(_in_team, players))
+    return Kind(sizes, normalize, None in networks, observation, memory, others, plans, teams)
 
 
 def stack(players: Sequence[Player]) -> Policy | None:
@@ -80,12 +85,19 @@ def stack(players: Sequence[Player]) -> Policy | None:
 
 
 def scripted_numbers(players: Sequence[Player], role: int) -> NDArray[np.int32]:
-    """The number of each scripted pilot in `PILOTS`, 0 for a planner, -1 for a policy; [P]."""
-    names = [PLANNERS[role]] if any(map(_plans, players)) else list(PILOTS[role])
+    """The number of each scripted pilot among `names_flown`, -1 for a policy; [P]."""
+    names = names_flown(kind_of(players), role)
     return np.asarray(
         [names.index(player.pilot) if isinstance(player.pilot, str) else -1 for player in players],
         np.int32,
     )
+
+
+def names_flown(kind: Kind, role: int) -> list[str]:
+    """The scripted pilots of a side that one program can fly."""
+    if kind.plans:
+        return [PLANNERS[role]]
+    return list((TEAMWORK if kind.teams else PILOTS)[role])
 
 
 def refuse_other_shape(label: str, pilot: Policy | str, config: Config, layout: str = "") -> None:
@@ -112,6 +124,10 @@ def content_words(identity: str) -> NDArray[np.uint32]:
 
 def _plans(player: Player) -> bool:
     return isinstance(player.pilot, str) and player.pilot in PLANNERS.values()
+
+
+def _in_team(player: Player) -> bool:
+    return isinstance(player.pilot, str) and any(player.pilot in laws for laws in TEAMWORK.values())
 
 
 def _network(player: Player) -> tuple[tuple[int, ...], bool, str, int, int] | None:

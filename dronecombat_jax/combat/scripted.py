@@ -3,7 +3,7 @@ against.
 
 A pilot is a pure function `(state [E, ...], observation [E, A, 35], key) -> action [E, 4]`, as
 everywhere in a match; these read the state alone, draw nothing and remember nothing. In here: their
-names. Not in here: what each one wants (`guidance`, `planner`), the controller that flies it
+names. Not in here: what each one wants (`guidance`, `teamwork`, `planner`), the controller that flies it
 (`autopilot`) and the fights (`arena`).
 """
 
@@ -16,6 +16,7 @@ from dronecombat_jax.combat import guidance
 from dronecombat_jax.combat.autopilot import Airframe, airframe, attainable, steer
 from dronecombat_jax.combat.guidance import Guidance, Situation
 from dronecombat_jax.combat.planner import build_plan
+from dronecombat_jax.combat.teamwork import TEAMWORK, Field, TeamLaw
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.config.sides import Sides, team
@@ -31,11 +32,12 @@ Pilot = Callable[[EnvState, jax.Array, jax.Array], jax.Array]
 def build_pilot(
     name: str, config: Config, scene: Scene, role: int | None = None, drone: int | None = None
 ) -> Pilot:
-    """The scripted pilot `name` of `PILOTS` or `PLANNERS`, for this body and clock, at the controls
-    of `drone` (None: the first of its side).
+    """The scripted pilot `name` of `PILOTS`, `TEAMWORK` or `PLANNERS`, for this body and clock, at the
+    controls of `drone` (None: the first of its side).
 
-    In a team each drone flies on its own, against the nearest opponent that flies. Raises UserError
-    for an unknown name, or one that flies the other `role`.
+    In a team each drone flies on its own, against the nearest opponent that flies, but those of
+    `TEAMWORK`, who share the work. Raises UserError for an unknown name, or one that flies the other
+    `role`.
     """
     for side in PILOTS:
         if name in names_of(side) and role in (None, side):
@@ -44,6 +46,8 @@ def build_pilot(
             body = airframe(config, scene, drone)
             if name in PILOTS[side]:
                 return _pilot(sides, drone, PILOTS[side][name], body, config.control_dt)
+            if name in TEAMWORK[side]:
+                return _team_pilot(sides, drone, TEAMWORK[side][name], body, config.control_dt)
             other = airframe(config, scene, sides.index(1 - side))
             plan = build_plan(side, config.game, body, other)
             return _pilot(sides, drone, plan, body, config.control_dt)
@@ -53,8 +57,8 @@ def build_pilot(
 
 
 def names_of(role: int) -> tuple[str, ...]:
-    """All scripted pilots of a side: the plain ones, then the planner."""
-    return (*PILOTS[role], PLANNERS[role])
+    """All scripted pilots of a side: the plain ones, those of teams, then the planner."""
+    return (*PILOTS[role], *TEAMWORK[role], PLANNERS[role])
 
 
 def one_per_fight(pilots: Sequence[Pilot], which: jax.Array) -> Pilot:
@@ -75,13 +79,35 @@ def _pilot(sides: Sides, drone: int, law: Guidance, body: Airframe, step: float)
         other = _opponent(sides, drone, drones, state.down)
         own = Drones(*(field[:, drone] for field in drones))
         situation = _situation(own, other, state.target, state.clock * step)
-        wanted = law(body, situation)
-        force = attainable(body, situation.position[:, 2], situation.velocity[:, 2], wanted)
-        speeds = None if state.craft is None else state.craft.speeds
-        mine = None if speeds is None else speeds[:, drone]
-        return steer(body, own.quaternion, own.rate, force, mine)
+        return _flown(body, state, drone, own, law(body, situation))
 
     return act
+
+
+def _team_pilot(sides: Sides, drone: int, law: TeamLaw, body: Airframe, step: float) -> Pilot:
+    mates, others = team(sides, sides[drone]), team(sides, 1 - sides[drone])
+
+    def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
+        drones, fly = split(state.qpos, state.qvel), ~state.down
+        of_team = lambda place: Drones(*(leaf[:, place] for leaf in drones))
+        field = Field(
+            of_team(mates), of_team(others), fly[:, mates], fly[:, others], state.target,
+            state.clock * step,
+        )  # fmt: skip
+        wanted = law(body, field, drone - mates.start)
+        return _flown(body, state, drone, of_team(drone), wanted)
+
+    return act
+
+
+def _flown(
+    body: Airframe, state: EnvState, drone: int, own: Drones, wanted: jax.Array
+) -> jax.Array:
+    """The action [E, 4] that flies `wanted` [E, 3] m/s^2 as near as the drone can."""
+    force = attainable(body, own.position[:, 2], own.velocity[:, 2], wanted)
+    speeds = None if state.craft is None else state.craft.speeds
+    mine = None if speeds is None else speeds[:, drone]
+    return steer(body, own.quaternion, own.rate, force, mine)
 
 
 def _opponent(sides: Sides, drone: int, drones: Drones, down: jax.Array) -> Drones:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dronecombat_jax.combat.games import DUEL, game_of
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.combat.scripted import PLANNERS
+from dronecombat_jax.combat.scripted import PILOTS, PLANNERS
 from dronecombat_jax.combat.starts import ARENA_HALF_WIDTH, places
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
@@ -106,6 +106,11 @@ def opponent_data(opponent: Opponent) -> Data:
             raise UserError(
                 f"{opponent.pilot} looks ahead, which the page's own code cannot: take another "
                 "pilot. dronecombat replay shows its fights"
+            )
+        if not any(opponent.pilot in laws for laws in PILOTS.values()):
+            raise UserError(
+                f"{opponent.pilot} flies with team mates, and the page has one drone a side: take "
+                "another pilot. dronecombat replay shows its fights"
             )
         return {"label": label, "scripted": opponent.pilot}
     if memory_size(opponent.pilot):

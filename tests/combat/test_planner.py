@@ -81,7 +81,7 @@ def test_a_model_is_told_by_the_thrust_axis(arena: SimpleNamespace, fresh: EnvSt
 
 
 def test_planners_stand_beside_the_plain_ones_and_fly_on_their_own():
-    assert names_of(ATTACKER) == (*PILOTS[ATTACKER], "evasion_planner")
+    assert names_of(ATTACKER) == (*PILOTS[ATTACKER], "pincer", "decoy", "evasion_planner")
     plain_ones = [contender.entrant.label for contender in find("scripted:all").contenders]
     assert set(plain_ones) == {name for pilots in PILOTS.values() for name in pilots}
     (contender,) = find("scripted:interception_planner").contenders

@@ -50,3 +50,15 @@ def test_who_meets_another_opponent_begins_without_memory_and_nobody_else(traine
     assert 0 < other.sum() < len(other)
     assert not np.any(after.env.recall[other])
     assert_same_bits(after.env.recall[~other], seed.env.recall[~other])
+
+
+def test_a_recurrent_policy_trains_beside_a_central_critic():
+    learn = replace(CONFIG.learn, memory="gru", memory_size=6, critic="central")
+    program = build(replace(playing(""), learn=learn), 1)
+    state, report = program.run(program.start)
+    before, after = program.start.learners.parameters, state.learners.parameters
+    assert state.env.recall.shape == (1, CONFIG.train.num_envs, 2, 6) and np.any(state.env.recall)
+    for moved in jax.tree.leaves(jax.tree.map(lambda new, old: new != old, after.gru, before.gru)):
+        assert np.all(np.any(moved, axis=tuple(range(2, moved.ndim))))  # of both sides
+    assert after.value.weights[0].shape[-2] == 37  # the whole state alone
+    assert np.all(np.isfinite(report.learners.value_loss)) and not np.any(report.learners.skipped)

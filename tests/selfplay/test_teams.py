@@ -87,11 +87,14 @@ def test_a_learner_finds_its_team_mates_as_so_many_more_environments():
 
 
 def test_a_round_robin_flies_teams_as_match_does(run: SimpleNamespace):
-    """Policies, drawn actions and a scripted pilot: the same ends as one fight at a time."""
+    """Policies, drawn actions, a scripted pilot and a scripted team: the same ends as one fight at a
+    time.
+    """
     combat, rules = run.program.combat, Rules(2, seed=3, stochastic=True)
     each = policies_of(run.states[-1].learners, TEAMS.learn)
     pick = lambda side: jax.tree.map(lambda leaf: np.asarray(leaf)[0, side], each)
-    defenders = [Player("d", pick(DEFENDER)), Player("hover", "hover")]
+    scripted = [Player(name, name) for name in ("hover", "assigned_navigation")]
+    defenders = [Player("d", pick(DEFENDER)), *scripted]
     attackers = [Player("a", pick(ATTACKER))]
     cells = {}
     for harvest in play(combat, defenders, attackers, rules):
@@ -105,7 +108,7 @@ def test_a_round_robin_flies_teams_as_match_does(run: SimpleNamespace):
             key = fight_key(np.uint32(rules.seed), words, np.int32(episode))
             attack = policy_team(TEAMS, TEAMS.learn, pick(ATTACKER), ATTACKER, True)
             defend = (
-                scripted_team(combat, "hover", DEFENDER)
+                scripted_team(combat, defender.identity, DEFENDER)
                 if row
                 else policy_team(TEAMS, TEAMS.learn, pick(DEFENDER), DEFENDER, True)
             )

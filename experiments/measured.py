@@ -41,9 +41,11 @@ def of(run: Path, steps: int) -> dict[str, Any] | None:
     if not is_whole(run, steps):
         return None
     file = run / "measured.json"
-    if file.exists():
-        return json.loads(file.read_text())
     records = _records(run)
+    if file.exists():
+        known = json.loads(file.read_text())
+        if known["steps"] == records[-1]["steps"]:  # not measured before it went on
+            return known
     late = [record for record in records if record["steps"] > 0.9 * records[-1]["steps"]]
     shares = {name: mean(late, key) for name, key in NAMES.items()}
     numbers = {

@@ -54,9 +54,13 @@ class Study(NamedTuple):
 
 
 def read_study(path: Path) -> Study:
-    """Read a study file. SystemExit, one line, for a key that is missing or unknown."""
-    with path.open("rb") as file:
-        text = tomllib.load(file)
+    """Read a study file. SystemExit, one line, for a file that cannot be read and for a key that is
+    missing or unknown.
+    """
+    try:
+        text = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise SystemExit(f"{path}: {error}") from None
     if unknown := set(text) - {*OWN_KEYS, "variants"}:
         raise SystemExit(
             f"{path}: {min(unknown)}: no key of a study ({', '.join(OWN_KEYS)}, variants)"
@@ -143,8 +147,8 @@ def table(study: Study, root: Path) -> str:
     return measured.markdown(rows)
 
 
-def main() -> int:
-    """Read the flags, train what is missing, print the table; 1 where a training failed."""
+def read_flags() -> tuple[argparse.Namespace, Study]:
+    """The command's flags, and the study that they name. SystemExit for a mistake."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -163,11 +167,19 @@ def main() -> int:
     )
     parser.add_argument("--table", action="store_true", help="train nothing, print what there is")
     flags = parser.parse_args()
+    if flags.lanes < 1:
+        parser.error(f"--lanes {flags.lanes}: at least 1")
     study = read_study(flags.study)
     names = [variant.name for variant in study.variants]
     for name in flags.only:
         if name not in names:
             parser.error(f"--only {name}: no such variant in {flags.study} ({', '.join(names)})")
+    return flags, study
+
+
+def main() -> int:
+    """Train what is missing, print the table; 1 where a training failed."""
+    flags, study = read_flags()
     root = flags.runs / study.name
     root.mkdir(parents=True, exist_ok=True)
     chosen = [variant for variant in study.variants if not flags.only or variant.name in flags.only]

@@ -33,9 +33,9 @@ def main() -> None:
     config = Config()
     learn = config.learn
     frozen = policy_of(init_learner(jax.random.key(1), learn))
-    env = CombatEnv(
-        Combat(config), ATTACKER, policy_pilot(learn, frozen, DEFENDER, stochastic=True)
-    )
+    pilot = policy_pilot(learn, frozen, DEFENDER, stochastic=True)
+    assert callable(pilot)  # without memory
+    env = CombatEnv(Combat(config), ATTACKER, pilot)
     sequences = config.train.num_envs // learn.minibatches
     rollout = sequences * learn.minibatches * learn.rollout_steps
     turns = Turns(rollout)

@@ -43,6 +43,7 @@ class Kind(NamedTuple):
     observation: str = ""  # what the policies see, as in `Player`
     memory: int = 0  # numbers that the policies remember of a fight
     others: int = 0  # units of their layer for slots of others (`types.Encoder`); 0: none
+    recurrent: bool = False  # they remember by a GRU (`types.GRU`), not by frames
     plans: bool = False  # the side's planner flies, and nobody else
     teams: bool = False  # scripted pilots of `TEAMWORK` fly, and nobody else
 
@@ -66,10 +67,9 @@ def alike(players: Sequence[Player]) -> list[list[int]]:
 def kind_of(players: Sequence[Player]) -> Kind:
     """What a program must be able to fly for players who are `alike`."""
     networks = {_network(player) for player in players}
-    nothing = ((), False, "", 0, 0)
-    sizes, normalize, observation, memory, others = next(filter(None, networks), nothing)
-    plans, teams = any(map(_plans, players)), any(map(_in_team, players))
-    return Kind(sizes, normalize, None in networks, observation, memory, others, plans, teams)
+    sizes, normalize, *more = next(filter(None, networks), ((), False))
+    kind = Kind(sizes, normalize, None in networks, *more)
+    return kind._replace(plans=any(map(_plans, players)), teams=any(map(_in_team, players)))
 
 
 def stack(players: Sequence[Player]) -> Policy | None:
@@ -130,13 +130,15 @@ def _in_team(player: Player) -> bool:
     return isinstance(player.pilot, str) and any(player.pilot in laws for laws in TEAMWORK.values())
 
 
-def _network(player: Player) -> tuple[tuple[int, ...], bool, str, int, int] | None:
-    """Widths of its network, whether it normalises, what it sees, how much it remembers, and units
-    of its encoder of others; None for a scripted pilot.
+def _network(player: Player) -> tuple[Any, ...] | None:
+    """Widths of its network, whether it normalises, what it sees, how much it remembers, units of
+    its encoder of others, and whether it has a GRU; None for a scripted pilot.
     """
     if isinstance(player.pilot, str):
         return None
-    network, size = player.pilot.network, player.pilot.observation_scaler.mean.shape[0]
+    policy = player.pilot
+    network, size = policy.network, policy.observation_scaler.mean.shape[0]
     sizes = size, *(weight.shape[1] for weight in network.weights)
     others = 0 if network.others is None else network.others.biases.shape[-1]
-    return sizes, player.normalize, player.observation, memory_size(player.pilot), others
+    memory = memory_size(policy)
+    return sizes, player.normalize, player.observation, memory, others, policy.gru is not None

@@ -46,13 +46,13 @@ _TRAINING_ONLY = ("game.random_clock",)
 _PLACES = ("sim.mjcf",)
 SCENE, ROTORS = "scene.", "rotors."
 # Sections whose settings a policy meets.
-_MET = ("sim.", "game.", "defender.", "attacker.", "randomise.", "sensor.")
+MET = ("sim.", "game.", "defender.", "attacker.", "randomise.", "sensor.")
 
 
 def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
     """What a trained policy meets, as plain JSON by dotted key.
 
-    Version, observation, the settings of the sections in `_MET`, as `rotors.KEY`
+    Version, observation, the settings of the sections in `MET`, as `rotors.KEY`
     the numbers of rotors and drag where they are flown, and as `scene.KEY` each number of the scene that is not
     the package's own. `scene`: as it was loaded for `config`; without it the MJCF is
     read anew. Raises UserError where it cannot be.
@@ -68,7 +68,7 @@ def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
     met = [
         key
         for key in SCHEMA
-        if key.startswith(_MET)
+        if key.startswith(MET)
         and key not in (*_TRAINING_ONLY, *_PLACES)
         and values[key] != _LATER.get(key)
     ]

@@ -172,22 +172,23 @@ def _judge(
     live = ~(ends.won | ends.lost)
     keep = lambda new, old: jnp.where(live, new, old)
     attacking = after if role == DEFENDER else after[::-1]
+    arrival = lambda drone: _arrival(drone, target, game.reach_radius)
     return Ends(
         ends.won | (live & won & ~down),
         ends.lost | (live & (lost | down)),
         ends.when + live,
         keep(jnp.minimum(ends.gap, gap), ends.gap),
         keep(jnp.minimum(ends.near, near), ends.near),
-        keep(_arrival(attacking[0], target) - _arrival(attacking[1], target), ends.lead),
+        keep(arrival(attacking[0]) - arrival(attacking[1]), ends.lead),
     )
 
 
-def _arrival(drone: Body, target: jax.Array) -> jax.Array:
-    """Seconds to the target's edge with a steady push towards it, 15 m/s^2."""
+def _arrival(drone: Body, target: jax.Array, radius: float) -> jax.Array:
+    """Seconds to `radius` m from the target with a steady push towards it, 15 m/s^2."""
     way = target - drone.position
     distance = jnp.linalg.norm(way, axis=-1)
     closing = dot(drone.velocity, unit(way))[..., 0]
-    rest = jnp.maximum(distance - 0.5, 0.0)
+    rest = jnp.maximum(distance - radius, 0.0)
     return (jnp.sqrt(closing**2 + 30.0 * rest) - closing) / 15.0
 
 

@@ -47,8 +47,8 @@ class Key(NamedTuple):
             return right and all(self.fits(item, shape[1:]) for item in value)
         if isinstance(value, bool) or not isinstance(value, int | float):
             return False
-        inside = math.isfinite(value) and value <= self.high
-        return inside and (value > self.low if self.above else value >= self.low)
+        above = value > self.low if self.above else value >= self.low
+        return above and value <= self.high  # false for NaN, and for a whole number beyond a float
 
 
 KEYS: dict[str, Key] = {

@@ -23,7 +23,6 @@ from dronecombat_jax.config.estimates import (
     machine_bytes,
 )
 from dronecombat_jax.config.fields import Config
-from dronecombat_jax.config.opponents import SIDES, live_part
 from dronecombat_jax.config.problem import Problem
 from dronecombat_jax.config.sides import DUEL, spelt
 
@@ -152,17 +151,6 @@ def _learning(config: Config) -> Iterator[Problem]:
             ("learn.critic", "learn.algorithm"),
             f"learn.critic = central needs learn.algorithm = ppo: what {learn.algorithm} sees is its own business",
         )
-    if learn.memory != "none" and learn.others != "flat":
-        yield Problem(
-            ("learn.memory", "learn.others"),
-            f"learn.memory = {learn.memory} needs learn.others = flat: slots of others are seen as they are now",
-        )
-    yield from _recurrent(config)
-    if learn.memory != "none" and learn.algorithm != "ppo":
-        yield Problem(
-            ("learn.memory", "learn.algorithm"),
-            f"learn.memory = {learn.memory} needs learn.algorithm = ppo: what {learn.algorithm} remembers is its own business",
-        )
     low, start, high = learn.min_learning_rate, learn.learning_rate, learn.max_learning_rate
     if low > high or (learn.learning_rate_schedule == "kl" and not low <= start <= high):
         yield Problem(
@@ -176,20 +164,6 @@ def _learning(config: Config) -> Iterator[Problem]:
             ("learn.initial_log_std", "learn.min_log_std", "learn.max_log_std"),
             "learn.min_log_std <= learn.initial_log_std <= learn.max_log_std must hold, "
             f"but they are {low:g}, {start:g}, {high:g}",
-        )
-
-
-def _recurrent(config: Config) -> Iterator[Problem]:
-    cuts = config.learn.minibatches
-    counts = {
-        part.stop - part.start for part in (live_part(config, side) for side in range(len(SIDES)))
-    }
-    if config.learn.memory == "gru" and any(count % cuts for count in counts):
-        spelt = " and ".join(str(count) for count in sorted(counts))
-        yield Problem(
-            ("learn.minibatches", "learn.memory", "train.num_envs"),
-            f"learn.memory = gru cuts mini-batches by environments: learn.minibatches = {cuts} must divide "
-            f"those that a side learns from, {spelt}",
         )
 
 

@@ -8,15 +8,15 @@ Commands are scaled by the nominal body, as in training. What does not live here
 from collections.abc import Iterator
 
 from dronecombat_jax.policies.info import ACTION_FIELDS, PolicyInfo
-from dronecombat_jax.types import SIDES
+from dronecombat_jax.types import OBSERVATION_SIZE, SIDES
 
 
 def scales(info: PolicyInfo) -> Iterator[str]:
     """One line of C for each constant."""
     met, kinds = info.environment, list(ACTION_FIELDS)
     yield f"#define DRONECOMBAT_ROLE {SIDES.index(info.role)} /* 0: defender, 1: attacker */"
-    layout = int(info.observation == "world")
-    yield f"#define DRONECOMBAT_WORLD {layout} /* whether it sees the layout `world` */"
+    layout = int(info.observation == "world" and info.layer_sizes[0] == OBSERVATION_SIZE)
+    yield f"#define DRONECOMBAT_WORLD {layout} /* whether it sees eq. 5: `world`, one drone a side */"
     for number, kind in enumerate(kinds):
         yield f"#define DRONECOMBAT_{kind.upper()} {number}"
     yield f"#define DRONECOMBAT_ACTUATION DRONECOMBAT_{info.actuation.upper()}"

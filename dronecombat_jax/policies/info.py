@@ -28,7 +28,8 @@ ACTION_FIELDS = {  # by `sim.actuation`
     "rotors": ("rotor_front_right", "rotor_back_right", "rotor_back_left", "rotor_front_left"),
     "ctbr": ("thrust", "rate_x", "rate_y", "rate_z"),
 }
-SHAPING = ("game.nearest_k",)  # settings of a game that its observation's size depends on
+# settings of a game that its observation's size depends on
+SHAPING = ("game.nearest_k", "game.defenders", "game.attackers")
 ACTION_CLIP = 1.0  # what the game does to an action before it flies it
 _ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._+-]{0,99}")
 _WHOLE = re.compile(r"0|[1-9][0-9]{0,17}")

@@ -31,6 +31,8 @@ COUNTED_IN = ("learn.rollout_steps", "train.chunk_iterations")
 SHAPES = (
     "learn.hidden_sizes",
     "learn.critic",
+    "learn.others",
+    "learn.others_size",
     "learn.memory",
     "learn.frames",
     "learn.memory_size",
@@ -39,6 +41,10 @@ SHAPES = (
     "selfplay.probability",
     "selfplay.roles",
     "selfplay.opponents",
+    "game.observation",
+    "game.nearest_k",
+    "game.defenders",
+    "game.attackers",
 )
 ONLY_AT_THE_START = ("learn.hidden_gain", "learn.policy_output_gain", "learn.initial_log_std")
 
@@ -87,6 +93,7 @@ def forked_state(start: Start, config: Config, combat: "Combat") -> "TrainState"
     """
     import jax
 
+    from dronecombat_jax.combat.fingerprint import MET
     from dronecombat_jax.selfplay.chunk import init_state
 
     state = restored_state(start, config, combat)
@@ -94,10 +101,12 @@ def forked_state(start: Start, config: Config, combat: "Combat") -> "TrainState"
         state = state.replace(selfplay=None)
     changed = {key for key, *_ in settings.diff(start.config, config)}
     reshaped = [key for key in SHAPES if key in changed]
+    anew = any(key.startswith(MET) for key in changed)
+    kept = lambda whole: whole.replace(env=None) if anew else whole
     template = jax.eval_shape(lambda: init_state(combat))
     match_template(
-        template,
-        leaves_of(flatten(state)),
+        kept(template),
+        leaves_of(flatten(kept(state))),
         str(start.path),
         f"--fork cannot change {', '.join(reshaped) or 'this'}",
     )
@@ -106,7 +115,7 @@ def forked_state(start: Start, config: Config, combat: "Combat") -> "TrainState"
     if "learn.learning_rate" in changed:
         rate = np.full_like(state.learners.learning_rate, config.learn.learning_rate)
         state = state.replace(learners=state.learners.replace(learning_rate=rate))
-    if any(key.startswith(("sim.", "game.")) for key in changed):
+    if anew:
         env = _new_fights(combat, state)
         flown = jax.tree.map(lambda leaf: np.zeros_like(leaf), state.flown)
         state = state.replace(env=env, flown=flown)

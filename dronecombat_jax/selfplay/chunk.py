@@ -16,7 +16,6 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.learn.algorithms import learn_from, new_learner, without
 from dronecombat_jax.learn.memory import recall_size, with_recall
@@ -28,24 +27,19 @@ from dronecombat_jax.selfplay.pool import (
     NOBODY,
     choose,
     chunk_rows,
-    count_wins,
     init_selfplay,
     lose_live,
     players,
     save_players,
 )
-from dronecombat_jax.selfplay.samplers import GRADES
+from dronecombat_jax.selfplay.summary import count_fights, summarize
 from dronecombat_jax.types import (
     DEFENDER,
     NUM_SIDES,
-    Cause,
     EnvState,
-    Flown,
     IterationMetrics,
-    SelfPlay,
     TrainState,
     Transition,
-    UpdateMetrics,
 )
 
 NO_CAST: opponents.Cast = {}
@@ -171,28 +165,11 @@ def advance_iteration(
     flown, at_each_step = tally.follow(
         state.flown, rollout, opponents.codes(config, state.selfplay)
     )
-    selfplay, met = _count(config, state.selfplay, rollout, at_each_step)
+    selfplay, met = count_fights(config, state.selfplay, rollout, at_each_step)
     rollout, at_each_step = without(config.solo_envs, (rollout, at_each_step))
     metrics = summarize(config, rollout, at_each_step, updates, selfplay)._replace(met=met)
     state = state.replace(learners=learners, env=env, flown=flown, selfplay=selfplay)
     return state.replace(iteration=state.iteration + 1), metrics
-
-
-def _count(
-    config: Config, selfplay: SelfPlay | None, rollout: Transition, flown: Flown
-) -> tuple[SelfPlay | None, jax.Array | None]:
-    """Enter the fights of a `rollout` that count into the records of past players, and count them by
-    the table's rows (`opponents.count_outcomes`).
-    """
-    outcomes = jnp.asarray(outcome_table(config.game))[rollout.cause]
-    together = jnp.arange(config.train.num_envs) >= config.solo_envs
-    counted = tally.counted(flown, rollout) & together
-    met = opponents.count_outcomes(config, selfplay, outcomes, counted)
-    if selfplay is not None:
-        rho = 1.0 - rollout.clock / config.game.episode_steps
-        grade, sides = GRADES[config.selfplay.record], opponents.past_sides(config, selfplay)
-        selfplay = count_wins(selfplay, outcomes, counted, rho, grade, sides)
-    return selfplay, met
 
 
 def begin_chunk(combat: Combat, state: TrainState) -> TrainState:
@@ -232,36 +209,6 @@ def waits(config: Config, iteration: jax.Array) -> jax.Array:
     """
     head_start = config.head_start_chunks * config.train.chunk_iterations
     return (iteration < head_start) | (not game_of(config).flies[DEFENDER])
-
-
-def summarize(
-    config: Config,
-    rollout: Transition,
-    flown: Flown,
-    learners: UpdateMetrics,
-    selfplay: SelfPlay | None,
-) -> IterationMetrics:
-    """Count what happened in a `rollout` of those that fly together, `flown` [T, N]; an absent
-    defender has not crashed.
-    """
-    counted = tally.counted(flown, rollout)
-    down = rollout.down & ~game_of(config).absent(config.game.sides)
-    causes = jnp.sum(
-        jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * counted[..., None], axis=(0, 1)
-    )
-    return IterationMetrics(
-        causes=causes,
-        crashes=jnp.sum(down & counted[..., None], axis=(0, 1), dtype=jnp.int32),
-        episode_steps=jnp.sum(flown.steps * counted, dtype=jnp.int32),
-        returns=jnp.sum(flown.returns * counted[..., None], axis=(0, 1)),
-        diverged=jnp.sum(rollout.cause == Cause.DIVERGED, dtype=jnp.int32),
-        reward_terms=jax.tree.map(lambda term: jnp.mean(term, axis=(0, 1)), rollout.reward_terms),
-        learners=learners,
-        frozen=jnp.asarray(NOBODY, jnp.int32) if selfplay is None else selfplay.frozen,
-        opponent=jnp.asarray(NOBODY, jnp.float32)
-        if selfplay is None
-        else jnp.mean(selfplay.opponent.astype(jnp.float32)),
-    )
 
 
 def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvState:

@@ -4,7 +4,7 @@ flown it.
 A fight counts in outcome shares, lengths, returns and records of wins if it was flown from its
 start to its end by the same two. Fights go on over a chunk's boundary, where the opponent may
 change, and the clocks of a run's first fights begin anywhere: such fights teach as any other, and
-count nowhere. What does not live here: the counting itself (`chunk.summarize`, `pool.count_wins`).
+count nowhere. What does not live here: the counting itself (`summary`).
 """
 
 import jax

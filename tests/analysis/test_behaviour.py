@@ -42,7 +42,7 @@ def record(defender, attacker, velocities, steps):
     )
     action = np.full((len(defender) - 1, 1, 2, 4), 0.5)
     action[steps:] = 1.0  # after the end: must not count
-    start = EnvState(qpos=qpos[0], qvel=qvel[0], target=None, clock=None, out=None)
+    start = EnvState(qpos=qpos[0], qvel=qvel[0], target=None, clock=None, down=None)
     return FightRecord(
         qpos[1:], qvel, action, start, FightResult(np.array([1]), np.array([steps]), None)
     )

@@ -32,6 +32,8 @@ def test_every_key_is_read(tmp_path: Path):
         ("mass", "true", ":1: mass = true: must be a number"),
         ("mass", '"1"', ':1: mass = "1": must be a number'),
         ("mass", "nan", ":1: mass = nan: must be a number"),
+        ("mass", "inf", ":1: mass = inf: must be a number"),
+        ("mass", "1" + 400 * "0", ": must be a number above 0, at most 1000 kg"),
         ("inertia", "[1e-5, 1e-5]", ":2: inertia = [1e-05, 1e-05]: must be a list of 3 numbers above 0"),
         ("inertia", "[1e-5, 1e-5, 3e-5]", "no body has one above the sum of the two others"),
         ("rotor_positions", "[[1, 1], [1, -1], [-1, 1]]", "must be a list of 4 lists of 2 numbers from -100 to 100 m"),

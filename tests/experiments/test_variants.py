@@ -66,6 +66,33 @@ def test_mistakes(tmp_path, text, message):
         variants.read_study(tmp_path / "mine.toml")
 
 
+def test_a_file_that_cannot_be_read_is_one_line(tmp_path):
+    (tmp_path / "mine.toml").write_text("preset = ")
+    for name in ("mine.toml", "none.toml"):
+        with pytest.raises(SystemExit, match=f"{name}: .*(Invalid value|No such file)"):
+            variants.read_study(tmp_path / name)
+
+
+def test_no_lanes_are_refused(monkeypatch, capsys):
+    study = str(ROOT / "experiments" / "studies" / "readings.toml")
+    monkeypatch.setattr(sys, "argv", ["variants.py", study, "--lanes", "0"])
+    with pytest.raises(SystemExit):
+        variants.read_flags()
+    assert "--lanes 0: at least 1" in capsys.readouterr().err
+
+
+def test_a_run_that_went_on_is_measured_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(measured, "against", lambda run: {"dash": 0.5})
+    for steps in (measured.WINDOW, 2 * measured.WINDOW):
+        lines = [
+            json.dumps(record(step)) for step in range(measured.WINDOW, steps + 1, measured.WINDOW)
+        ]
+        (tmp_path / "metrics.jsonl").write_text("\n".join(lines) + "\n")
+        for _ in range(2):  # then as it was written
+            found = measured.of(tmp_path, steps)
+            assert found is not None and found["steps"] == steps
+
+
 @pytest.mark.parametrize(
     "path", sorted((ROOT / "experiments" / "studies").glob("*.toml")), ids=lambda path: path.stem
 )

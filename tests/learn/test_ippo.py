@@ -17,8 +17,8 @@ from dronecombat_jax.learn.normalize import denormalize, init_scaler, update_sca
 from dronecombat_jax.learn.optimize import cut
 from dronecombat_jax.learn.rollout import collect, policy_mean, policy_of, scaled, select
 from dronecombat_jax.selfplay import tally
-from dronecombat_jax.selfplay.chunk import summarize
 from dronecombat_jax.selfplay.pool import met
+from dronecombat_jax.selfplay.summary import summarize
 from dronecombat_jax.types import ATTACKER, DEFENDER, Batch, Cause, Learner
 
 LEARN = LearnConfig(

@@ -104,6 +104,22 @@ def test_in_a_changed_environment_the_fights_begin_anew(parent):
 
 
 @pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("sensor.latency", 2),
+        ("sensor.dropout", 0.5),
+        ("sim.actuation", "mixed"),
+        ("defender.mass", 1.2),
+    ],
+)
+def test_a_fork_may_give_drones_another_craft(parent, key, value):
+    """Whose numbers the fights under way do not have: all begin anew."""
+    _, state = forked(parent, change(parent.config, key, value))
+    assert state.env.craft is not None and not np.any(state.env.qvel)
+    assert_same_bits(state.learners, parent.newest.learners)
+
+
+@pytest.mark.parametrize(
     ("key", "value", "tensors"),
     [
         (
@@ -112,6 +128,7 @@ def test_in_a_changed_environment_the_fights_begin_anew(parent):
             "parameters/policy/weights/1: expected float32[1,2,8,4], got float32[1,2,8,8]",
         ),
         ("learn.critic", "central", "weights/0: expected float32[1,2,37,8], got float32[1,2,35,8]"),
+        ("game.observation", "bearing", "expected float32[1,2,23,8], got float32[1,2,35,8]"),
         ("train.num_envs", 10, "env/qpos: expected float32[1,10,14], got float32[1,8,14]"),
         ("train.num_seeds", 2, "expected float32[2,2,"),
     ],

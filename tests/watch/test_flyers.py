@@ -151,7 +151,9 @@ def test_sight_may_differ_where_the_numbers_are_as_many(tmp_path: Path):
     state = jax.vmap(combat.reset)(jax.random.split(jax.random.key(0), 3))
     observed = jax.vmap(combat.observe)(state)
     for role, flyer in enumerate(both.flyers):
-        action = policy_pilot(flyer.learn, flyer.pilot, role)(state, observed, jax.random.key(1))
+        pilot = policy_pilot(flyer.learn, flyer.pilot, role)
+        assert callable(pilot)
+        action = pilot(state, observed, jax.random.key(1))
         assert action.shape == (3, 4) and np.isfinite(action).all()
     crew("alike", seen("nearest", nearest_k=4), seen("nearest", nearest_k=4))
     with pytest.raises(

@@ -1,6 +1,5 @@
 """The replay page in a browser: it draws, plays, obeys keys, mouse and fingers, and is quiet."""
 
-import io
 from collections.abc import Iterator
 from typing import Any
 
@@ -8,25 +7,12 @@ import numpy as np
 import pytest
 from browser import Tab, chromium
 from duels import RULES, fights, two_against_two
-from PIL import Image
+from replay_tabs import HOSTILE, LOCATE, PHONE, WIDE, changed, picture
 
 from dronecombat_jax.report.replay_data import Fight
 from dronecombat_jax.watch.replay import Replay
 
 pytestmark = pytest.mark.tour
-HOSTILE = "</script><script>alert(1)</script>"
-WIDE, PHONE = (1280, 800), (390, 844)
-# Where a drone of a fight is on the screen, in CSS pixels of the window.
-LOCATE = """
-const [fight, drone, time] = it;
-const view = replay.tiles.views(replay.canvas).find(({ index }) => index === fight);
-const camera = replay.stage.cameraFor(fight, time, view.width / view.height);
-const point = replay.flights[fight].position(drone, time);
-const place = camera.position.clone().fromArray(point).project(camera);
-const frame = replay.canvas.getBoundingClientRect();
-return [frame.left + view.left + (0.5 + place.x / 2) * view.width,
-  frame.top + view.top + (0.5 - place.y / 2) * view.height];
-"""
 
 
 @pytest.fixture(scope="module")
@@ -54,24 +40,6 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         f"<!doctype html><meta charset=utf-8><link rel=icon href=data:,>{cells}"
     )
     return {path.stem: path.as_uri() for path in folder.iterdir()}
-
-
-def picture(tab: Tab, centre: tuple[float, float] | None = None, half: int = 24) -> np.ndarray:
-    """A screenshot [H, W, 3], whole or around a point."""
-    tab.settle()
-    clip = centre and {
-        "x": centre[0] - half,
-        "y": centre[1] - half,
-        "width": 2 * half,
-        "height": 2 * half,
-    }
-    with Image.open(io.BytesIO(tab.page.screenshot(clip=clip or None))) as image:
-        return np.asarray(image.convert("RGB"), int)
-
-
-def changed(before: np.ndarray, after: np.ndarray) -> int:
-    """How many pixels differ clearly."""
-    return int((np.abs(before - after).sum(axis=2) > 60).sum())
 
 
 def test_drones_move_where_they_should_while_it_plays(browser: Any, pages: dict[str, str]):

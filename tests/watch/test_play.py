@@ -157,6 +157,13 @@ def test_a_planner_is_refused_by_the_page():
         room.play_data(read_opponents(("scripted:evasion_planner",)))
 
 
+def test_a_pilot_of_a_team_is_refused_by_the_page():
+    with pytest.raises(
+        UserError, match=r"^decoy flies with team mates, and the page has one drone"
+    ):
+        room.play_data(read_opponents(("scripted:decoy",)))
+
+
 @pytest.mark.parametrize("field", ["scenario", "observation"])
 def test_parts_of_ones_own_are_refused(field: str, tmp_path: Path, monkeypatch):
     code = "from dronecombat_jax.combat.games import DUEL\n"

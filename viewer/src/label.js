@@ -1,7 +1,7 @@
 /** A drone's name in the scene, always upright and of one size on the screen: who is who in a team. */
 import { CanvasTexture, SRGBColorSpace, Sprite, SpriteMaterial } from "three";
 
-const [WIDE, TALL] = [256, 64]; // pixels of the drawing
+const [WIDE, TALL] = [384, 64]; // pixels of the drawing
 const SHARE = 0.032; // of the distance to the camera, its height
 const ABOVE = 0.09; // m over a drone of true size
 const PALE = 0.55; // how opaque the name of a drone that is down is

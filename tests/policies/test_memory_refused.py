@@ -41,7 +41,7 @@ def test_the_page_on_which_a_person_flies():
 
 
 def test_a_view_of_one_side(file: Path):
-    words = "mine.safetensors: a policy with memory cannot be met in a view of one side"
+    words = "a policy with memory cannot be met in a view of one side"
     refused(words, pilots_of, Combat(Config()), DEFENDER, str(file))
 
 

@@ -209,7 +209,7 @@ def test_a_name_tells_all_that_is_not_the_runs_own():
     [
         (
             ["--attacker", "dahs"],
-            "dahs: no scripted pilot has this name (attackers: dash, weave, high_dive, evasion_planner)",
+            "dahs: no scripted pilot has this name (attackers: dash, weave, high_dive",
         ),
         (["--defender", "dash"], "dash: no scripted pilot has this name (defenders: hover"),
     ],

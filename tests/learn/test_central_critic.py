@@ -63,6 +63,7 @@ def paid(critic: str) -> np.ndarray:
     return paid_at_last(probe, jax.vmap(init)(jax.random.split(jax.random.key(1))))
 
 
+@pytest.mark.slow
 def test_an_action_that_only_the_whole_state_remembers_is_credited_by_a_central_critic_alone():
     # At the start the noise alone costs 1 and the distance of the mean from the best 0.25.
     own, central = paid("own"), paid("central")

@@ -51,11 +51,13 @@ def probe_of(learn: LearnConfig, num_envs: int = 64) -> Cue:
     return Cue(Config(learn=learn, train=TrainConfig(num_envs=num_envs)))
 
 
+@pytest.mark.slow
 @REMEMBERING
 def test_a_cue_that_has_gone_is_obeyed_by_a_policy_with_memory(learn):
     assert np.all(paid_at_last(probe_of(learn), untrained(learn)) > -0.3)
 
 
+@pytest.mark.slow
 def test_a_cue_that_has_gone_cannot_be_obeyed_by_a_policy_that_sees_the_present_alone():
     # The best it can do is 0 always, which costs 1.
     paid = paid_at_last(probe_of(LEARN), untrained(LEARN))

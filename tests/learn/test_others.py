@@ -109,6 +109,7 @@ def trained():
     return config, program.start, second
 
 
+@pytest.mark.slow
 def test_a_training_moves_encoder_and_own_scale_alone(trained):
     _, start, end = trained
     for role in range(2):

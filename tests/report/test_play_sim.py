@@ -265,13 +265,13 @@ def test_rules_agree(games, crash_rule: str, swept: bool):
         })  # fmt: skip
     answered = in_node({"game": game_data(config, games("duel").combat.scene), "events": events})
     seen = set()
-    for event, (cause, down) in zip(events, answered["causes"], strict=True):
+    for event, (cause, lying) in zip(events, answered["causes"], strict=True):
         before, after, target, down = (
             jnp.asarray(event[name]) for name in ("before", "after", "target", "out")
         )
         found = detect(rules, before, after, target, down, jnp.int32(event["clock"]))
         wanted = int(judge(rules, found))
-        assert (cause, down) == (wanted, np.asarray(found.down).tolist())
+        assert (cause, lying) == (wanted, np.asarray(found.down).tolist())
         seen.add(wanted)
     assert len(seen) > 3  # not one kind of end alone
 

@@ -3,12 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from toy import CONFIG, agent, assert_same_bits, build, differs
 
 from dronecombat_jax.learn.rollout import policy_of
 from dronecombat_jax.types import ATTACKER, DEFENDER
 
 
+@pytest.mark.slow
 def test_the_critic_changes_what_is_learnt_and_nothing_of_what_is_flown_before():
     central = replace(CONFIG, learn=replace(CONFIG.learn, critic="central"))
     own, whole = build(CONFIG, 1), build(central, 1)

@@ -52,6 +52,7 @@ def test_who_meets_another_opponent_begins_without_memory_and_nobody_else(traine
     assert_same_bits(after.env.recall[~other], seed.env.recall[~other])
 
 
+@pytest.mark.slow
 def test_a_recurrent_policy_trains_beside_a_central_critic():
     learn = replace(CONFIG.learn, memory="gru", memory_size=6, critic="central")
     program = build(replace(playing(""), learn=learn), 1)

@@ -86,6 +86,7 @@ def test_a_learner_finds_its_team_mates_as_so_many_more_environments():
         assert folded.clock[t, 2 * n + d] == of_fight[t, n]
 
 
+@pytest.mark.slow
 def test_a_round_robin_flies_teams_as_match_does(run: SimpleNamespace):
     """Policies, drawn actions, a scripted pilot and a scripted team: the same ends as one fight at a
     time.

@@ -100,6 +100,7 @@ def test_it_goes_on_where_it_was_stopped(runs: Path, flown: SimpleNamespace):
     assert len(report["rows"]) == 2 and report["rows"][0]["fights"] == 72
 
 
+@pytest.mark.slow
 def test_both_sides_together_are_one_matrix(flown: SimpleNamespace):
     """Scripted pilots alone, too; the second side's loss is the first one's gain."""
     named = ("scripted:hover", "scripted:hover_guard", "scripted:dash")

@@ -29,7 +29,7 @@ from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.scripted import build_pilot, one_per_fight
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
-from dronecombat_jax.config.sides import team
+from dronecombat_jax.config.sides import mates
 from dronecombat_jax.learn.memory import with_recall
 from dronecombat_jax.learn.rollout import policy_step, recalled
 from dronecombat_jax.types import (
@@ -67,9 +67,8 @@ class Side(NamedTuple):
     rows: jax.Array  # [blocks, block] int32, the lane on each seat; an empty seat repeats lane 0
     # [L] int32, the seat of each lane, counted through all blocks; 0 for a lane without one
     seat: jax.Array
-    pilot: (
-        jax.Array
-    )  # [L] int32, the scripted pilot, numbered as in `names_flown`; -1: a policy flies
+    # [L] int32, the scripted pilot, numbered as in `names_flown`; -1: a policy flies
+    pilot: jax.Array
 
 
 class Drone(NamedTuple):
@@ -173,10 +172,9 @@ def _team(
     combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None
 ) -> list[AnyPilot]:
     """The pilots of a side's drones: all fly the lane's policy or scripted pilot."""
-    mates = range(*team(combat.config.game.sides, role).indices(len(combat.config.game.sides)))
     return [
         _pilot(combat, kind, side, Drone(role, drone, number), keys)
-        for number, drone in enumerate(mates)
+        for number, drone in enumerate(mates(combat.sides, role))
     ]
 
 

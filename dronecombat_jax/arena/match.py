@@ -17,6 +17,7 @@ import numpy as np
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config.fields import Config, LearnConfig
+from dronecombat_jax.config.sides import mates
 from dronecombat_jax.learn.memory import memory_size, with_recall
 from dronecombat_jax.learn.rollout import policy_step, recalled
 from dronecombat_jax.types import (
@@ -73,14 +74,14 @@ def as_pilot(act: Callable[..., Remembered], size: int) -> AnyPilot:
     return Remembering(size, act) if size else lambda *given: act(*given)[0]
 
 
-def mates(team: Team) -> Sequence[AnyPilot]:
+def pilots_of(team: Team) -> Sequence[AnyPilot]:
     """The pilots of a team, one for each of its drones."""
     return [team] if isinstance(team, Remembering) or callable(team) else team
 
 
 def ready(start: EnvState, *teams: Team) -> EnvState:
     """Fights about to start [E, ...], with room for what their pilots will remember."""
-    pilots = [pilot for team in teams for pilot in mates(team)]
+    pilots = [pilot for team in teams for pilot in pilots_of(team)]
     sizes = [pilot.size for pilot in pilots if isinstance(pilot, Remembering)]
     return with_recall(start, max(sizes, default=0))
 
@@ -90,9 +91,7 @@ def policy_team(
 ) -> Sequence[AnyPilot]:
     """`policy` at the controls of every drone of the side `role`."""
     return [
-        policy_pilot(learn, policy, drone, stochastic)
-        for drone, side in enumerate(config.game.sides)
-        if side == role
+        policy_pilot(learn, policy, drone, stochastic) for drone in mates(config.game.sides, role)
     ]
 
 
@@ -102,8 +101,7 @@ def scripted_team(combat: Combat, name: str, role: int) -> Sequence[Pilot]:
     """
     return [
         build_pilot(name, combat.config, combat.scene, role, drone)
-        for drone, side in enumerate(combat.config.game.sides)
-        if side == role
+        for drone in mates(combat.sides, role)
     ]
 
 
@@ -171,7 +169,7 @@ def advance(
     pilots = [
         (pilot, mate_key(keys[role], number))
         for role, side in ((DEFENDER, defender), (ATTACKER, attacker))
-        for number, pilot in enumerate(mates(side))
+        for number, pilot in enumerate(pilots_of(side))
     ]
     acts = [
         _act(pilot, drone, state, observation, key) for drone, (pilot, key) in enumerate(pilots)

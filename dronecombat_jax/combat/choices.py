@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dronecombat_jax.combat import guidance
 from dronecombat_jax.combat.autopilot import Airframe
-from dronecombat_jax.combat.guidance import Guidance, Situation, unit
+from dronecombat_jax.combat.guidance import Guidance, Situation, left_of, unit
 from dronecombat_jax.types import ATTACKER, DEFENDER
 
 # (airframe, situation of E fights, parameters [P], s since the plan's start) -> acceleration [E, 3]
@@ -29,48 +29,51 @@ class Choices(NamedTuple):
     parameters: NDArray[np.float32]  # [n, P]
 
 
-def slip(body: Airframe, now: Situation, told: jax.Array, elapsed: jax.Array) -> jax.Array:
+def slip(body: Airframe, now: Situation, numbers: jax.Array, elapsed: jax.Array) -> jax.Array:
     """Rush off the way to the target, by an angle to one side, then to the other, then straight.
 
-    `told`: angle rad, side rad (0: left, pi / 2: up), seconds to it, seconds to the other side.
+    `numbers`: angle rad, side rad (0: left, pi / 2: up), seconds to it, seconds to the other side.
     """
-    angle, side, first, second = told
+    angle, side, first, second = numbers
     way = unit(now.target - now.position)
-    left = unit(jnp.stack([-way[:, 1], way[:, 0], jnp.zeros_like(way[:, 0])], axis=-1))
-    off = jnp.cos(side) * left + jnp.sin(side) * jnp.cross(way, left)
+    off = _aside(way, side)
     turned = lambda sign: jnp.cos(angle) * way + sign * jnp.sin(angle) * off
     sign = jnp.where(elapsed < first, 1.0, -1.0)
     along = jnp.where(elapsed < first + second, turned(sign), way)
     return guidance.rush(body, now.velocity, jnp.asarray(along))
 
 
-def swing(body: Airframe, now: Situation, told: jax.Array, elapsed: jax.Array) -> jax.Array:
+def swing(body: Airframe, now: Situation, numbers: jax.Array, elapsed: jax.Array) -> jax.Array:
     """Rush at the target and swing from side to side all the way.
 
-    `told`: m/s of the swing, its rate rad/s, its phase rad at the fight's start, side rad as of `slip`.
+    `numbers`: m/s of the swing, its rate rad/s, its phase rad at the fight's start, side rad as of `slip`.
     """
-    speed, rate, phase, side = told
+    speed, rate, phase, side = numbers
     ahead = now.target - now.position
-    way = unit(ahead)
-    left = unit(jnp.stack([-way[:, 1], way[:, 0], jnp.zeros_like(way[:, 0])], axis=-1))
-    off = jnp.cos(side) * left + jnp.sin(side) * jnp.cross(way, left)
     pace = speed * jnp.cos(rate * now.time + phase)
+    off = _aside(unit(ahead), side)
     return guidance.rush(body, now.velocity - pace[:, None] * off, ahead)
 
 
-def navigate(body: Airframe, now: Situation, told: jax.Array, elapsed: jax.Array) -> jax.Array:
-    """Proportional navigation; `told`: its constant."""
-    return guidance.proportional_navigation(body, now, told[0])
+def _aside(way: jax.Array, side: jax.Array) -> jax.Array:
+    """The unit vector [E, 3] across `way` [E, 3], `side` rad up from the left."""
+    left = left_of(way)
+    return jnp.cos(side) * left + jnp.sin(side) * jnp.cross(way, left)
 
 
-def guard(body: Airframe, now: Situation, told: jax.Array, elapsed: jax.Array) -> jax.Array:
-    """Stand before the target; `told`: m from it."""
-    return guidance.hover_guard(body, now, told[0])
+def navigate(body: Airframe, now: Situation, numbers: jax.Array, elapsed: jax.Array) -> jax.Array:
+    """Proportional navigation; `numbers`: its constant."""
+    return guidance.proportional_navigation(body, now, numbers[0])
+
+
+def guard(body: Airframe, now: Situation, numbers: jax.Array, elapsed: jax.Array) -> jax.Array:
+    """Stand before the target; `numbers`: m from it."""
+    return guidance.hover_guard(body, now, numbers[0])
 
 
 def plain(law: Guidance) -> Choices:
     """A law without parameters."""
-    return Choices(lambda body, now, told, elapsed: law(body, now), np.zeros((1, 1), np.float32))
+    return Choices(lambda body, now, numbers, elapsed: law(body, now), np.zeros((1, 1), np.float32))
 
 
 def _slips() -> Choices:

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.combat.observe import observation_of, refuse_other_shape, whole_of
+from dronecombat_jax.combat.observe import observation_of, refuse_unfit, whole_of
 from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import detect, forfeit, struck_out, timeout_decides
 from dronecombat_jax.combat.sensors import first_memory, refuse_unlimited, remembered, see
@@ -49,7 +49,7 @@ class Combat:
         self.game = game_of(config)
         self.observation = observation_of(config)
         refuse_unlimited(config, self.observation)
-        refuse_other_shape(config, self.observation)
+        refuse_unfit(config, self.observation)
         self.whole = whole_of(config)
 
     @property

@@ -52,10 +52,10 @@ MET = ("sim.", "game.", "defender.", "attacker.", "randomise.", "sensor.")
 def environment(config: Config, scene: "Scene | None" = None) -> dict[str, Any]:
     """What a trained policy meets, as plain JSON by dotted key.
 
-    Version, observation, the settings of the sections in `MET`, as `rotors.KEY`
-    the numbers of rotors and drag where they are flown, and as `scene.KEY` each number of the scene that is not
-    the package's own. `scene`: as it was loaded for `config`; without it the MJCF is
-    read anew. Raises UserError where it cannot be.
+    Version, observation, the settings of the sections in `MET`, as `rotors.KEY` the numbers of
+    rotors and drag where they are flown, and as `scene.KEY` each number of the scene that is not
+    the package's own. `scene`: as it was loaded for `config`; without it the MJCF is read anew.
+    Raises UserError where it cannot be.
     """
     from dronecombat_jax.sim.bodies import named  # MuJoCo, which a policy file can do without
     from dronecombat_jax.sim.flown import differences
@@ -99,16 +99,16 @@ def digest_of(environment: dict[str, Any]) -> str:
 
 def environment_diff(saved: dict[str, Any], here: dict[str, Any]) -> list[str]:
     """One line for each part in which two environments differ; foreign values are spelt as JSON."""
-    absent = lambda key: (
-        json.dumps(_LATER[key])
-        if key in _LATER
-        else "the package's own"
-        if key.startswith(SCENE)
-        else "nothing"
-    )
-    spelt = lambda side, key: json.dumps(side[key]) if key in side else absent(key)
+    spelt = lambda side, key: json.dumps(side[key]) if key in side else _absent(key)
     return [
         f"{key} is {spelt(saved, key)} there, {spelt(here, key)} here"
         for key in sorted(saved.keys() | here.keys())
         if key not in saved or key not in here or saved[key] != here[key]
     ]
+
+
+def _absent(key: str) -> str:
+    """What an environment has that does not mention `key`."""
+    if key in _LATER:
+        return json.dumps(_LATER[key])
+    return "the package's own" if key.startswith(SCENE) else "nothing"

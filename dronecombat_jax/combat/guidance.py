@@ -11,6 +11,8 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.autopilot import MIN_LIFT, VELOCITY_GAIN, Airframe
+from dronecombat_jax.sim.rotation import body_z
+from dronecombat_jax.types import Drones
 
 WEAVE_SPEED = 3.0  # m/s to either side
 WEAVE_RATE = 5.0  # rad/s
@@ -59,7 +61,7 @@ def weave(body: Airframe, now: Situation) -> jax.Array:
     altitude.
     """
     way = now.target - now.position
-    side = unit(jnp.stack([-way[:, 1], way[:, 0], jnp.zeros_like(way[:, 0])], axis=-1))
+    side = left_of(way)
     phase = WEAVE_RATE * now.time + WEAVE_PHASE * now.target[:, 2]
     near = jnp.clip((jnp.linalg.norm(way, axis=-1) - WEAVE_END) / WEAVE_END, 0.0, 1.0)
     swing = near * WEAVE_SPEED * jnp.cos(phase)
@@ -139,8 +141,7 @@ def proportional_navigation(
     along = unit(sight)
     distance = jnp.linalg.norm(sight, axis=-1, keepdims=True)
     relative = now.other_velocity - now.velocity
-    closing = -dot(relative, along)
-    time = (jnp.sqrt(closing**2 + 2.0 * body.max_force * distance) - closing) / body.max_force
+    time = time_to_go(distance, -dot(relative, along), body.max_force)
     lift = jnp.minimum(body.gravity / jnp.maximum(now.other_up[:, 2:], 1e-3), body.max_force)
     turning = (lift * now.other_up).at[:, 2].add(-body.gravity)
     across = lambda vector: vector - dot(vector, along) * along
@@ -168,6 +169,24 @@ def full_thrust(body: Airframe, along: jax.Array, across: jax.Array) -> jax.Arra
     descent = jnp.maximum(-along[:, 2:], 1e-3)
     until_least_lift = jnp.maximum(held[:, 2:] - MIN_LIFT * body.gravity, 0.0) / descent
     return across + jnp.minimum(most, until_least_lift) * along
+
+
+def time_to_go(distance: jax.Array, closing: jax.Array, push: float | jax.Array) -> jax.Array:
+    """Seconds t until `distance` m are flown, `closing` at m/s now and pushed by `push` m/s^2:
+    c t + a t^2 / 2 = d.
+    """
+    return (jnp.sqrt(closing**2 + 2.0 * push * distance) - closing) / push
+
+
+def left_of(way: jax.Array) -> jax.Array:
+    """The unit vector [E, 3] to the left of `way` [E, 3], level with the ground."""
+    return unit(jnp.stack([-way[:, 1], way[:, 0], jnp.zeros_like(way[:, 0])], axis=-1))
+
+
+def situation_of(own: Drones, other: Drones, target: jax.Array, time: jax.Array) -> Situation:
+    """The situations of drones `own` and their opponents `other`, fields [E, ...]."""
+    seen = lambda it: (it.position, it.velocity, body_z(it.quaternion))
+    return Situation(*seen(own), *seen(other), target, time)
 
 
 def dot(left: jax.Array, right: jax.Array) -> jax.Array:

@@ -51,9 +51,8 @@ class Observation(NamedTuple):
     # The same from what is seen alone: a third argument [A, A] bool, who sees whom; everybody sees
     # itself. None: it cannot hide anybody, and is refused with a sensor's range and the like.
     partial: Callable[[Drones, jax.Array, jax.Array], jax.Array] | None = None
-    flagged: bool = (
-        False  # it says who is seen; a drone that is down or absent then counts as hidden
-    )
+    # it says who is seen; a drone that is down or absent then counts as hidden
+    flagged: bool = False
 
     @property
     def size(self) -> int:
@@ -118,12 +117,13 @@ EGO_FIELDS = tuple(
 )
 
 
-def hiding(fields: Fields, observe: Observe, whom: NDArray[np.int32]) -> Observation:
+def hiding(fields: Fields, observe: Observe, order: NDArray[np.int32]) -> Observation:
     """The observation `observe` in which the numbers of a drone that is not seen are 0.
 
-    A quaternion or a gravity of 0 is no drone's, so that this tells who is hidden. `whom` [A, size]:
-    whose numbers stand in each column, by observer (`team_views.columns_of`).
+    A quaternion or a gravity of 0 is no drone's, so that this tells who is hidden. `order` [A, A]:
+    the drones that `fields` name, by observer.
     """
+    whom = columns_of(fields, order)
 
     def partial(drones: Drones, target: jax.Array, seen: jax.Array) -> jax.Array:
         known = jnp.take_along_axis(seen, jnp.asarray(whom), axis=1)
@@ -134,20 +134,18 @@ def hiding(fields: Fields, observe: Observe, whom: NDArray[np.int32]) -> Observa
 
 def world(game: GameConfig) -> Observation:
     """Eq. 5, or the same for teams."""
-    sides, order = game.sides, world_order(game.sides)
-    if sides == DUEL:
-        return hiding(WORLD_FIELDS, observe_world, columns_of(WORLD_FIELDS, order))
-    fields = world_fields(sides)
-    return hiding(fields, functools.partial(observe_team_world, sides), columns_of(fields, order))
+    if game.sides == DUEL:
+        return hiding(WORLD_FIELDS, observe_world, world_order(DUEL))
+    look = functools.partial(observe_team_world, game.sides)
+    return hiding(world_fields(game.sides), look, world_order(game.sides))
 
 
 def ego(game: GameConfig) -> Observation:
     """The same in the observing drone's own frame."""
-    sides, order = game.sides, ego_order(game.sides)
-    if sides == DUEL:
-        return hiding(EGO_FIELDS, observe_ego, columns_of(EGO_FIELDS, order))
-    fields = ego_fields(sides)
-    return hiding(fields, functools.partial(observe_team_ego, sides), columns_of(fields, order))
+    if game.sides == DUEL:
+        return hiding(EGO_FIELDS, observe_ego, ego_order(DUEL))
+    look = functools.partial(observe_team_ego, game.sides)
+    return hiding(ego_fields(game.sides), look, ego_order(game.sides))
 
 
 def bearing(game: GameConfig) -> Observation:
@@ -182,7 +180,7 @@ def layout_of(name: str, game: GameConfig) -> Observation:
     return entry if isinstance(entry, Observation) else entry(game)
 
 
-def refuse_other_shape(config: Config, observation: Observation) -> None:
+def refuse_unfit(config: Config, observation: Observation) -> None:
     """Raise UserError where an observation of one's own does not fit a game of teams."""
     name, sides = config.game.observation, config.game.sides
     if sides == DUEL or name in OBSERVATIONS:

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.autopilot import Airframe, attainable
 from dronecombat_jax.combat.choices import OTHER, OWN, Choices
-from dronecombat_jax.combat.guidance import Guidance, Situation, dot, unit
+from dronecombat_jax.combat.guidance import Guidance, Situation, dot, time_to_go, unit
 from dronecombat_jax.combat.rules import closest_approach
 from dronecombat_jax.config.fields import GameConfig
 from dronecombat_jax.types import ATTACKER, DEFENDER
@@ -26,6 +26,7 @@ MARGIN = 0.03  # m, a pass is not planned closer than this to a strike
 FLOOR = 0.15  # m above the altitude of a crash, under which no choice may go
 # how sharply a model is told by the cosine between the thrust that it wants and the real one
 LIKENESS = 8.0
+PUSH = 15.0  # m/s^2, of a drone on its way to the target
 DECIDED = 10.0  # what a decided fight is worth; undecided ones are worth a few tenths
 
 
@@ -111,7 +112,7 @@ def _by_choice(
     for law, parameters in choices:
         last = first + len(parameters)
         mine = Situation(*(field[first:last] for field in now))
-        ask = lambda told, now, law=law: _force(body, now, law(body, now, told, elapsed))
+        ask = lambda numbers, now, law=law: _force(body, now, law(body, now, numbers, elapsed))
         forces.append(jax.vmap(ask)(jnp.asarray(parameters), mine))
         first = last
     return jnp.concatenate(forces)
@@ -129,7 +130,7 @@ def _wanted(
 ) -> jax.Array:
     """Acceleration [I, E, 3] that each choice asks for in one situation [E, ...]."""
     asked = [
-        jax.vmap(lambda told, law=law: law(body, now, told, elapsed))(jnp.asarray(parameters))
+        jax.vmap(lambda numbers, law=law: law(body, now, numbers, elapsed))(jnp.asarray(parameters))
         for law, parameters in choices
     ]
     return jnp.concatenate(asked)
@@ -184,12 +185,11 @@ def _judge(
 
 
 def _arrival(drone: Body, target: jax.Array, radius: float) -> jax.Array:
-    """Seconds to `radius` m from the target with a steady push towards it, 15 m/s^2."""
+    """Seconds to `radius` m from the target with a steady push towards it."""
     way = target - drone.position
     distance = jnp.linalg.norm(way, axis=-1)
     closing = dot(drone.velocity, unit(way))[..., 0]
-    rest = jnp.maximum(distance - radius, 0.0)
-    return (jnp.sqrt(closing**2 + 30.0 * rest) - closing) / 15.0
+    return time_to_go(jnp.maximum(distance - radius, 0.0), closing, PUSH)
 
 
 def _worth(role: int, ends: Ends) -> jax.Array:

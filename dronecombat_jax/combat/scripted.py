@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat import guidance
 from dronecombat_jax.combat.autopilot import Airframe, airframe, attainable, steer
-from dronecombat_jax.combat.guidance import Guidance, Situation
+from dronecombat_jax.combat.guidance import Guidance, situation_of
 from dronecombat_jax.combat.planner import build_plan
 from dronecombat_jax.combat.teamwork import TEAMWORK, Field, TeamLaw
 from dronecombat_jax.config.fields import Config
@@ -22,7 +22,6 @@ from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.config.sides import Sides, team
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.sim.flight import split
-from dronecombat_jax.sim.rotation import body_z
 from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Drones, EnvState
 
@@ -78,7 +77,7 @@ def _pilot(sides: Sides, drone: int, law: Guidance, body: Airframe, step: float)
         drones = split(state.qpos, state.qvel)
         other = _opponent(sides, drone, drones, state.down)
         own = Drones(*(field[:, drone] for field in drones))
-        situation = _situation(own, other, state.target, state.clock * step)
+        situation = situation_of(own, other, state.target, state.clock * step)
         return _flown(body, state, drone, own, law(body, situation))
 
     return act
@@ -125,11 +124,6 @@ def _opponent(sides: Sides, drone: int, drones: Drones, down: jax.Array) -> Dron
     return Drones(*(field[fights, others.start + nearest] for field in drones))
 
 
-def _situation(own: Drones, other: Drones, target: jax.Array, time: jax.Array) -> Situation:
-    seen = lambda it: (it.position, it.velocity, body_z(it.quaternion))
-    return Situation(*seen(own), *seen(other), target, time)
-
-
 PILOTS: dict[int, dict[str, Guidance]] = {
     DEFENDER: {
         "hover": guidance.hover,
@@ -139,7 +133,5 @@ PILOTS: dict[int, dict[str, Guidance]] = {
     },
     ATTACKER: {"dash": guidance.dash, "weave": guidance.weave, "high_dive": guidance.high_dive},
 }
-
-
 # They look ahead, in a model of the flight: far dearer than the plain ones, and no part of `scripted:all`.
 PLANNERS = {DEFENDER: "interception_planner", ATTACKER: "evasion_planner"}

@@ -4,13 +4,15 @@ What does not live here: the same for one drone a side, which is eq. 5 (`observe
 in which some are hidden (`sight`). Plain arrays of one fight.
 """
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from dronecombat_jax.combat.sight import DOWN, Fields, others_of
-from dronecombat_jax.config.sides import Sides, team
+from dronecombat_jax.config.sides import Sides, drone_names, mates
 from dronecombat_jax.sim.rotation import conjugate, multiply, rotate, rotate_inverse
 from dronecombat_jax.types import Drones
 
@@ -25,9 +27,9 @@ def world_order(sides: Sides) -> NDArray[np.int32]:
     """
     rows = []
     for drone, side in enumerate(sides):
-        mates = range(*team(sides, side).indices(len(sides)))
-        own = [drone, *(mate for mate in mates if mate != drone)]
-        rows.append([*range(mates.start), *own, *range(mates.stop, len(sides))])
+        members = mates(sides, side)
+        own = [drone, *(mate for mate in members if mate != drone)]
+        rows.append([*range(members.start), *own, *range(members.stop, len(sides))])
     return np.asarray(rows, np.int32)
 
 
@@ -38,27 +40,22 @@ def ego_order(sides: Sides) -> NDArray[np.int32]:
 
 def world_fields(sides: Sides) -> Fields:
     """The parts of `observe_team_world`: eq. 5 with numbers, such as p_d1, q_d1, p_d2, ..."""
-    names = []
-    for drone, side in enumerate(sides):
-        number = drone - team(sides, side).start + 1
-        names.append(f"{_LETTERS[side]}{number if sides.count(side) > 1 else ''}")
-    return (
-        *(part for name in names for part in ((f"p_{name}", 3), (f"q_{name}", 4))),
-        ("p_t", 3),
-        *(part for name in names for part in ((f"v_{name}", 3), (f"w_{name}", 3))),
-        *((f"g_{name}", 3) for name in names),
-    )
+    return _fields(drone_names(sides, _LETTERS))
 
 
 def ego_fields(sides: Sides) -> Fields:
     """The parts of `observe_team_ego`: self, then mate1, ..., opponent1, ..., as far as there are."""
-    mates = sides.count(sides[0]) - 1
-    if sides.count(0) == sides.count(1):
-        others = [f"mate{i + 1}" for i in range(mates)]
-        others += [f"opponent{i + 1}" for i in range(mates + 1)]
+    opponents = sides.count(1)
+    if sides.count(0) == opponents:
+        others = [f"mate{i + 1}" for i in range(opponents - 1)]
+        others += [f"opponent{i + 1}" for i in range(opponents)]
     else:  # who is a mate depends on the side
         others = [f"other{i + 1}" for i in range(len(sides) - 1)]
-    names = ["self", *others]
+    return _fields(("self", *others))
+
+
+def _fields(names: Sequence[str]) -> Fields:
+    """The parts of eq. 5 with these drones, in its order."""
     return (
         *(part for name in names for part in ((f"p_{name}", 3), (f"q_{name}", 4))),
         ("p_t", 3),

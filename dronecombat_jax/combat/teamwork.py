@@ -19,9 +19,10 @@ from dronecombat_jax.combat.guidance import (
     dot,
     proportional_navigation,
     rush,
+    situation_of,
+    time_to_go,
     unit,
 )
-from dronecombat_jax.sim.rotation import body_z
 from dronecombat_jax.types import ATTACKER, DEFENDER, Drones
 
 PINCER_ANGLE = np.pi / 4  # rad from the straight way to the target, of the outermost attackers
@@ -48,8 +49,6 @@ TeamLaw = Callable[[Airframe, Field, int], jax.Array]
 def assigned_navigation(body: Airframe, field: Field, number: int) -> jax.Array:
     """Defenders share the attackers so that the sum of the times to go is least, each flies
     `proportional_navigation` against its own; who is left over takes the one it reaches first.
-
-    The time to go t from the distance d, closing at c, with full thrust a: c t + a t^2 / 2 = d.
     """
     cost = times_to_go(body, field)
     return proportional_navigation(body, situation(field, number, minded(cost)[:, number]))
@@ -103,8 +102,7 @@ def times_to_go(body: Airframe, field: Field) -> jax.Array:
     relative = field.others.velocity[:, None] - field.own.velocity[:, :, None]
     closing = -dot(relative, along)[..., 0]
     distance = jnp.linalg.norm(sight, axis=-1)
-    root = jnp.sqrt(closing**2 + 2.0 * body.max_force * distance)
-    return _where_flying(field, (root - closing) / body.max_force)
+    return _where_flying(field, time_to_go(distance, closing, body.max_force))
 
 
 def minded(cost: jax.Array) -> jax.Array:
@@ -153,8 +151,7 @@ def situation(field: Field, number: int, other: jax.Array) -> Situation:
     fights = jnp.arange(other.shape[0])
     own = Drones(*(leaf[:, number] for leaf in field.own))
     its = Drones(*(leaf[fights, other] for leaf in field.others))
-    seen = lambda it: (it.position, it.velocity, body_z(it.quaternion))
-    return Situation(*seen(own), *seen(its), field.target, field.time)
+    return situation_of(own, its, field.target, field.time)
 
 
 def _where_flying(field: Field, values: jax.Array) -> jax.Array:

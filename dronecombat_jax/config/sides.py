@@ -3,6 +3,8 @@
 Drones are in one order everywhere: all defenders, then all attackers. Nothing imports JAX.
 """
 
+from collections.abc import Sequence
+
 from dronecombat_jax.config.opponents import SIDES as NAMES
 from dronecombat_jax.errors import UserError
 
@@ -22,12 +24,20 @@ def team(sides: Sides, side: int) -> slice:
     return slice(first, first + sides.count(side))
 
 
-def drone_names(sides: Sides) -> tuple[str, ...]:
-    """The drones' names: `defender` where it flies alone, else `defender1`, `defender2`, ..."""
+def mates(sides: Sides, side: int) -> range:
+    """The same, drone by drone."""
+    return range(len(sides))[team(sides, side)]
+
+
+def drone_names(sides: Sides, of_side: Sequence[str] = NAMES, gap: str = "") -> tuple[str, ...]:
+    """The drones' names: `defender` where it flies alone, else `defender1`, `defender2`, ...
+
+    `of_side`: what a drone of each side is called; `gap` stands before its number.
+    """
     names = []
     for drone, side in enumerate(sides):
-        number = drone - team(sides, side).start + 1
-        names.append(NAMES[side] if sides.count(side) == 1 else f"{NAMES[side]}{number}")
+        number = f"{gap}{drone - team(sides, side).start + 1}"
+        names.append(of_side[side] + (number if sides.count(side) > 1 else ""))
     return tuple(names)
 
 

@@ -5,7 +5,7 @@ What does not live here: drawing (`stage`, `video`).
 
 import numpy as np
 
-from dronecombat_jax.config.sides import DUEL, team
+from dronecombat_jax.config.sides import DUEL, mates, team
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Trajectory
 
@@ -50,8 +50,8 @@ def present(fight: Trajectory) -> tuple[int, ...]:
     """All drones, or the attackers alone where the defenders never take part (scenario solo)."""
     drones = tuple(range(len(fight.sides)))
     if fight.sides != DUEL:
-        mates = team(fight.sides, DEFENDER)
-        return drones[mates.stop :] if fight.down[0, mates].all() else drones
+        defenders = team(fight.sides, DEFENDER)
+        return drones[defenders.stop :] if fight.down[0, defenders].all() else drones
     absent = len(fight.qpos) > 1 and not np.any(np.ptp(fight.qpos[:, :3], axis=0) > 1e-6)
     return (ATTACKER,) if absent else drones
 
@@ -121,12 +121,12 @@ def points(fight: Trajectory, reach_radius: float) -> np.ndarray:
 
 
 def _counted(fight: Trajectory, index: int, side: int) -> str:
-    mates = range(len(fight.sides))[team(fight.sides, side)]
-    flying = sum(not is_down(fight, index, drone) for drone in mates)
-    return f"{flying} of {len(mates)} {SIDES[side]}s fly"
+    members = mates(fight.sides, side)
+    flying = sum(not is_down(fight, index, drone) for drone in members)
+    return f"{flying} of {len(members)} {SIDES[side]}s fly"
 
 
 def _flying(fight: Trajectory, index: int, side: int) -> list[int]:
     """The drones of a side that fly at state `index`; all of them where none does."""
-    mates = list(range(len(fight.sides))[team(fight.sides, side)])
-    return [drone for drone in mates if not is_down(fight, index, drone)] or mates
+    members = mates(fight.sides, side)
+    return [drone for drone in members if not is_down(fight, index, drone)] or [*members]

@@ -4,7 +4,7 @@ What does not live here: which event ends a fight (`combat.rules`), what happene
 (`fight_events`).
 """
 
-from dronecombat_jax.config.sides import DUEL, Sides, team
+from dronecombat_jax.config.sides import DUEL, Sides, drone_names
 from dronecombat_jax.report.stage import TEAM_COLOURS
 from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Cause, Outcome
 
@@ -79,11 +79,7 @@ def who_and_why(cause: Cause, winner: Outcome, sides: Sides = DUEL) -> str:
 
 def shown_names(sides: Sides) -> tuple[str, ...]:
     """The drones' names for people: `defender` where it flies alone, else `defender 1`, ..."""
-    names = []
-    for drone, side in enumerate(sides):
-        number = drone - team(sides, side).start + 1
-        names.append(SIDES[side] if sides.count(side) == 1 else f"{SIDES[side]} {number}")
-    return tuple(names)
+    return drone_names(sides, gap=" ")
 
 
 def sentence_case(text: str) -> str:

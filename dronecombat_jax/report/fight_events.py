@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dronecombat_jax.combat.rules import closest_approach
 from dronecombat_jax.config.sides import DUEL, team
 from dronecombat_jax.report.endings import (
     CAPTIONS,
@@ -48,7 +49,8 @@ def strikers(trajectory: Trajectory, index: int, attacker: int, rules: Rules) ->
     flying = [drone for drone in range(mates.stop) if not trajectory.down[index - 1, drone]]
     if not flying:
         return []
-    near = np.array([_closest(places[:, drone] - places[:, attacker]) for drone in flying])
+    start, end = places[:, flying] - places[:, [attacker]]
+    near = np.asarray(closest_approach(start, end))
     reach = max(rules.intercept_radius, near.min())
     return [drone for drone, away in zip(flying, near, strict=True) if away <= reach]
 
@@ -133,10 +135,3 @@ def _event(
 def _places(trajectory: Trajectory) -> np.ndarray:
     """[T, A, 3] m."""
     return trajectory.qpos.reshape(len(trajectory.time), -1, 7)[..., :3]
-
-
-def _closest(way: np.ndarray) -> float:
-    """Smallest distance to the origin, m, along the segment `way` [2, 3]."""
-    start, step = way[0], way[1] - way[0]
-    along = np.clip(-start @ step / max(step @ step, 1e-12), 0.0, 1.0)
-    return float(np.linalg.norm(start + along * step))

@@ -1,6 +1,6 @@
 """How the scripted pilots fare against each other.
 
-    python benchmarks/scripted_pilots.py [--fights 256] [--seed 0] [--preset paper] [--uniform]
+    python benchmarks/scripted_pilots.py [--fights 256] [--seed 0] [--preset paper] [--uniform | --setback 1.5]
 
 Every attacker against every defender from the same starts, in one program. Prints a Markdown table
 of shares with 95 % Wilson intervals in per cent; down: the share of fights in which that drone had
@@ -8,6 +8,7 @@ crashed by the end.
 """
 
 import argparse
+from dataclasses import replace
 
 from dronecombat_jax.machine import backend
 
@@ -25,12 +26,20 @@ def main() -> None:
     parser.add_argument(
         "--uniform", action="store_true", help="start anywhere, whatever the preset says"
     )
+    parser.add_argument(
+        "--setback",
+        type=float,
+        default=0.0,
+        help="m that the defender starts farther from the target",
+    )
     flags = parser.parse_args()
+    if flags.uniform and flags.setback:
+        parser.error("--setback is of fixed starts, and --uniform has none")
     backend.prepare("cpu")
-    table(flags.fights, flags.seed, flags.preset, flags.uniform)
+    table(flags.fights, flags.seed, flags.preset, flags.uniform, flags.setback)
 
 
-def table(fights: int, seed: int, preset: str, uniform: bool) -> None:
+def table(fights: int, seed: int, preset: str, uniform: bool, setback: float) -> None:
     """Fight and print."""
     import jax
     import jax.numpy as jnp
@@ -40,11 +49,12 @@ def table(fights: int, seed: int, preset: str, uniform: bool) -> None:
     from dronecombat_jax.combat.env import Combat
     from dronecombat_jax.combat.scripted import PILOTS, build_pilot, one_per_fight
     from dronecombat_jax.config import settings
+    from dronecombat_jax.config.starts import with_starts
     from dronecombat_jax.runs.evaluation import summary
     from dronecombat_jax.types import ATTACKER, DEFENDER, FightResult
 
-    anywhere = {"game.spawn": "uniform", "game.spawn_spread": 0.0, "game.defender_spread": 0.0}
-    combat = Combat(settings.load(preset, anywhere if uniform else {}))
+    config = with_starts(settings.load(preset), "uniform" if uniform else "")
+    combat = Combat(replace(config, game=replace(config.game, defender_setback=setback)))
     attackers, defenders = list(PILOTS[ATTACKER]), list(PILOTS[DEFENDER])
     pairs = [(attacker, defender) for attacker in attackers for defender in defenders]
     which = np.repeat(np.arange(len(pairs)), fights)
@@ -65,7 +75,7 @@ def table(fights: int, seed: int, preset: str, uniform: bool) -> None:
 
     columns = ("intercept", "reached", "defender down", "attacker down", "time-out", "seconds")
     print(
-        f"{fights} fights a pair, preset {preset}, seed {seed}{', uniform starts' if uniform else ''}; shares in % [95 % interval]\n"
+        f"{fights} fights a pair, preset {preset}, seed {seed}{', uniform starts' if uniform else ''}{f', setback {setback:g} m' if setback else ''}; shares in % [95 % interval]\n"
     )
     print("| attacker | defender | " + " | ".join(columns) + " |")
     print("|---|---|" + "---|" * len(columns))

@@ -7,17 +7,17 @@ from dronecombat_jax.config.fields import Config
 AS_TRAINED = "as_trained"
 STARTS = (
     "where the fights start: fixed, the paper's three points; uniform, anywhere; even, the defender "
-    "so far back that the best pilots known of both sides win about as often"
+    "so far back that the best plain scripted pilots of both sides win about as often"
 )
-EVEN_SETBACK = 1.5  # m; docs/pilots.md, "A fight worth rating"
+EVEN_SETBACK = 2.0  # m; docs/pilots.md, "Even starts"
 
 
 def with_starts(config: Config, starts: str) -> Config:
     """The game with other starts; "" or `as_trained` leaves it as it is.
 
     `fixed`: the paper's three points; `uniform`: anywhere in the arena; `even`: as trained, but the
-    defender `EVEN_SETBACK` farther from the target, so that the best pilots known of both sides win
-    about as often.
+    defender `EVEN_SETBACK` farther from the target, so that the best plain scripted pilots of both
+    sides win about as often.
     """
     game = config.game
     if starts in ("", AS_TRAINED):

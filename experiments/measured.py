@@ -1,10 +1,13 @@
 """What a training has come to, as figures: how its fights end, from when on both sides fight, and how
 both final policies fare from rest against every scripted pilot of today.
 
-Used by `experiments/variants.py`; the figures of a run are kept in its measured.json. Bars: those of
-docs/learnability.md.
+    python experiments/measured.py runs/ippo runs/seed1 ...
+
+prints a table, one row for each finished run of one seed. `experiments/variants.py` has the same
+figures; those of a run are kept in its measured.json. Bars: those of docs/learnability.md.
 """
 
+import argparse
 import json
 import math
 from collections.abc import Sequence
@@ -38,10 +41,10 @@ def is_whole(run: Path, steps: int) -> bool:
 
 def of(run: Path, steps: int) -> dict[str, Any] | None:
     """The measures of a run; None where it is not whole. Flies the fights where they are not known."""
-    if not is_whole(run, steps):
+    records = _records(run)
+    if not records or records[-1]["steps"] < steps:
         return None
     file = run / "measured.json"
-    records = _records(run)
     if file.exists():
         known = json.loads(file.read_text())
         if known["steps"] == records[-1]["steps"]:  # not measured before it went on
@@ -155,3 +158,38 @@ def _records(run: Path) -> list[dict[str, Any]]:
         return metrics.read(run / "metrics.jsonl")
     except (UserError, OSError):
         return []
+
+
+def row(run: Path) -> str:
+    """A run's figures as one line of Markdown. SystemExit where it is not finished."""
+    numbers = of(run, 1)
+    try:
+        evaluation = json.loads((run / "evaluation.json").read_text())
+    except (OSError, ValueError):
+        evaluation = None
+    if numbers is None or evaluation is None:
+        raise SystemExit(f"{run}: no finished run: metrics.jsonl or evaluation.json is missing")
+    if len(evaluation) > 1:
+        raise SystemExit(f"{run}: {len(evaluation)} seeds: only runs of one seed are shown")
+    pairs = lambda names: ", ".join(f"{numbers['against'][name]:.2f}" for name in names)
+    rest = [evaluation[0]["cause"][cause][0] for cause in ("intercept", "reached")]
+    cells = [run.name, _from([numbers]).partition(" ")[0]]
+    cells += [f"{numbers['shares'][name]:.2f}" for name in NAMES]
+    cells += [pairs(DEFENDERS[:2]), pairs(ATTACKERS), pairs(DEFENDERS[2:])]
+    return _line([*cells, ", ".join(f"{share:.2f}" for share in rest)])
+
+
+def main() -> None:
+    """Read the runs' folders, print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("runs", nargs="+", type=Path, help="folders of finished runs of one seed")
+    listed = lambda names: ", ".join(f"`{name}`" for name in names)
+    head = ["run", "fights from, M steps", *NAMES, f"past {listed(DEFENDERS[:2])}"]
+    head += [f"stops {listed(ATTACKERS)}", f"past {listed(DEFENDERS[2:])}"]
+    head.append("each other at rest: intercepted, reached")
+    rows = [row(run) for run in parser.parse_args().runs]
+    print("\n".join([_line(head), _line(["---"] * len(head)), *rows]))
+
+
+if __name__ == "__main__":
+    main()

@@ -123,6 +123,25 @@ def test_the_table_tells_worst_and_best_seed():
     assert "| `b` | not run |" in text
 
 
+def test_one_row_for_each_finished_run(tmp_path):
+    run = tmp_path / "mine"
+    run.mkdir()
+    with pytest.raises(SystemExit, match="mine: no finished run"):
+        measured.row(run)
+    (run / "metrics.jsonl").write_text(json.dumps(record(2_000_000) | {"seed": 0}) + "\n")
+    against = dict.fromkeys((*measured.DEFENDERS, *measured.ATTACKERS), 0.25)
+    shares = dict.fromkeys(measured.NAMES, 0.5)
+    numbers = {"steps": 2_000_000, "shares": shares, "fights_from": None, "against": against}
+    (run / "measured.json").write_text(json.dumps(numbers))
+    cause = {"intercept": [0.75, 0.7, 0.8], "reached": [0.125, 0.1, 0.2]}
+    (run / "evaluation.json").write_text(json.dumps([{"cause": cause}]))
+    assert measured.row(run).startswith("| mine | never | 0.50 | 0.50 |")
+    assert measured.row(run).endswith("| 0.25, 0.25 | 0.75, 0.12 |")
+    (run / "evaluation.json").write_text(json.dumps([{"cause": cause}] * 2))
+    with pytest.raises(SystemExit, match="2 seeds: only runs of one seed"):
+        measured.row(run)
+
+
 @pytest.mark.slow
 def test_a_whole_study_goes_on_where_it_stopped(tmp_path):
     study = STUDY.replace('preset = "duel"', "").replace("seeds = [5]", "")

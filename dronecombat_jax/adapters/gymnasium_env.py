@@ -122,7 +122,7 @@ class CombatVectorEnv(VectorEnv):
 
         Raises UserError for actions of another shape, and under DISABLED for a fight that is over.
         """
-        shape = (self.num_envs, *self.single_action_space.shape)
+        shape = self.action_space.shape
         given = np.asarray(actions, np.float32)
         if given.shape != shape:
             raise UserError(f"actions have the shape {given.shape}: {shape} is needed")

@@ -108,7 +108,7 @@ def test_a_learner_flies_all_drones_of_its_side(combat: Coasting, role: int):
     both[own], both[others] = action[0].reshape(count, 4), other
     _, output = combat.step(state.pipeline_state, both)
     after = single.step(state, action[0])
-    np.testing.assert_allclose(after.obs, rows(output.observation[None])[0], atol=1e-5)
+    np.testing.assert_allclose(np.asarray(after.obs), rows(output.observation[None])[0], atol=1e-5)
     assert after.reward == pytest.approx(float(np.mean(output.reward[own])), abs=1e-5)
 
 

@@ -18,6 +18,7 @@ from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.learn.mates import only
 from dronecombat_jax.tournaments.contenders import Contender, find
 from dronecombat_jax.types import SIDES
 
@@ -74,7 +75,7 @@ def _pilot(combat: Combat, role: int, word: str, player: Player) -> Pilot:
     if isinstance(player.pilot, str):
         return build_pilot(player.pilot, combat.config, combat.scene, role)
     learn = LearnConfig(normalize_observations=player.normalize)
-    pilot = policy_pilot(learn, player.pilot, role)
+    pilot = policy_pilot(learn, only(player.pilot, "a view of one side"), role)
     if isinstance(pilot, Remembering):
         raise UserError(
             f"{one_line(word)}: a policy with memory cannot be met in a view of one side: its fights keep nothing for it"

@@ -161,8 +161,8 @@ def test_arrays_that_cannot_fly(path, tensors, words):
         ({"format": None}, "no policy of dronecombat"),
         ({"format": "pt"}, "no policy of dronecombat"),
         (
-            {"format_version": "3"},
-            "it has format 3, this version reads up to 2: upgrade dronecombat-jax",
+            {"format_version": "4"},
+            "it has format 4, this version reads up to 3: upgrade dronecombat-jax",
         ),
         ({"format_version": "2"}, "metadata memory is missing: expected frames"),
         ({"format_version": "2", "memory": "none"}, "metadata memory is none: expected frames"),

@@ -33,12 +33,6 @@ NAMES = {
 }
 
 
-def is_whole(run: Path, steps: int) -> bool:
-    """Whether the run has all of its steps, as its metrics say; its measures may be missing."""
-    records = _records(run)
-    return bool(records) and records[-1]["steps"] >= steps
-
-
 def of(run: Path, steps: int) -> dict[str, Any] | None:
     """The measures of a run; None where it is not whole. Flies the fights where they are not known."""
     records = _records(run)
@@ -56,6 +50,7 @@ def of(run: Path, steps: int) -> dict[str, Any] | None:
         "shares": shares,
         "fights": fights(shares),
         "fights_from": fights_from(records),
+        "curve": curve(records),
         "against": against(run),
     }
     file.write_text(json.dumps(numbers, indent=1) + "\n")
@@ -77,14 +72,29 @@ def fights_from(records: Sequence[dict[str, Any]]) -> int | None:
     """Environment steps at the end of the first window of `WINDOW` steps in which all bars hold; None:
     never.
     """
+    for number, shares in enumerate(_windows(records), start=1):
+        if fights(shares):
+            return number * WINDOW
+    return None
+
+
+def curve(records: Sequence[dict[str, Any]]) -> list[dict[str, float | None]]:
+    """How fights ended in each `WINDOW` of steps, from the first one on: shares by the keys of `NAMES`;
+    None where no fight ended.
+    """
+    rounded = lambda share: None if math.isnan(share) else round(share, 4)
+    return [{name: rounded(share) for name, share in each.items()} for each in _windows(records)]
+
+
+def _windows(records: Sequence[dict[str, Any]]) -> list[dict[str, float]]:
+    """The shares in each `WINDOW` of steps; NaN where no fight ended."""
     windows: dict[int, list[dict[str, Any]]] = {}
     for record in records:
         windows.setdefault((record["steps"] - 1) // WINDOW, []).append(record)
-    for window in sorted(windows):
-        shares = {name: mean(windows[window], key) for name, key in NAMES.items()}
-        if fights(shares):
-            return (window + 1) * WINDOW
-    return None
+    return [
+        {name: mean(windows.get(window, []), key) for name, key in NAMES.items()}
+        for window in range(max(windows, default=-1) + 1)
+    ]
 
 
 def against(run: Path) -> dict[str, float]:

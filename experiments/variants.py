@@ -6,9 +6,10 @@
 A study file names a `preset`, `steps`, `seeds` and its `[variants.NAME]`; a variant's keys are
 `about`, its own `preset`, `steps` or `seeds`, and settings by dotted key in quotes. Each variant and
 seed is one `dronecombat train` on a core of its own, seeds first, so that every variant has one
-before any has two. Runs go on where they stopped; what is whole is not trained again. The table is
-written to runs/STUDY/table.md, the figures behind it to measured.json beside each run
-(`experiments/measured.py`).
+before any has two. Runs go on where they stopped; what is whole is not trained again. Each run is
+measured when it is whole (`experiments/measured.py`), and what it came to is kept beside the study
+file, as studies/STUDY.jsonl (`kept`): commit that, and a study goes on on another machine. The table
+is written to runs/STUDY/table.md.
 """
 
 import argparse
@@ -25,6 +26,7 @@ from typing import Any, NamedTuple
 sys.path.insert(0, str(Path(__file__).parent))
 
 import measured
+from kept import Kept, settings_of
 
 STOPPED = 75
 OWN_KEYS = ("about", "preset", "steps", "seeds")
@@ -43,6 +45,11 @@ class Variant(NamedTuple):
     def folder(self, root: Path, seed: int) -> Path:
         """Of the run of one seed."""
         return root / f"{self.name}-{seed}"
+
+    @property
+    def changed(self) -> dict[str, Any]:
+        """Its settings that are not the package's defaults."""
+        return settings_of(self.preset, self.settings, self.steps)
 
 
 class Study(NamedTuple):
@@ -95,13 +102,16 @@ def _spelled(key: str, value: Any) -> list[str]:
     return [flag, *map(str, value)] if isinstance(value, list) else [f"{flag}={value}"]
 
 
-def train_all(jobs: Sequence[tuple[Variant, int]], root: Path, lanes: int) -> list[str]:
-    """Train every job, `lanes` at a time, each on a core of its own; returns what failed."""
+def train_all(jobs: Sequence[tuple[Variant, int]], root: Path, lanes: int, kept: Kept) -> list[str]:
+    """Train, measure and keep every job, `lanes` at a time, each on a core of its own; returns what
+    failed.
+    """
     waiting: queue.SimpleQueue[tuple[Variant, int]] = queue.SimpleQueue()
     for job in jobs:
         waiting.put(job)
     cores = sorted(os.sched_getaffinity(0))
     failed: list[str] = []
+    writing = threading.Lock()
 
     def lane(core: int) -> None:
         while not waiting.empty():
@@ -113,6 +123,11 @@ def train_all(jobs: Sequence[tuple[Variant, int]], root: Path, lanes: int) -> li
                 failed.append(f"{variant.name}, seed {seed}: exit code {code}")
                 if code == STOPPED:
                     return
+                continue
+            numbers = measured.of(variant.folder(root, seed), variant.steps)  # as was written
+            with writing:
+                if numbers is not None:
+                    kept.keep(variant.name, seed, variant.changed, numbers)
 
     threads = [threading.Thread(target=lane, args=(cores[i % len(cores)],)) for i in range(lanes)]
     for thread in threads:
@@ -123,14 +138,18 @@ def train_all(jobs: Sequence[tuple[Variant, int]], root: Path, lanes: int) -> li
 
 
 def _train(variant: Variant, seed: int, root: Path, core: int) -> int:
-    log = root / f"{variant.name}-{seed}.log"
+    log, run = root / f"{variant.name}-{seed}.log", variant.folder(root, seed)
+    measure = [sys.executable, measured.__file__, str(run)]
     with log.open("a") as output:
-        code = subprocess.call(
-            command(variant, seed, root),
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            preexec_fn=lambda: os.sched_setaffinity(0, {core}),
-        )
+        for words in (command(variant, seed, root), measure):
+            code = subprocess.call(
+                words,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                preexec_fn=lambda: os.sched_setaffinity(0, {core}),
+            )
+            if code:
+                break
     print(
         f"{variant.name}, seed {seed}: {'trained' if code == 0 else f'exit code {code}, see {log}'}",
         flush=True,
@@ -138,11 +157,11 @@ def _train(variant: Variant, seed: int, root: Path, core: int) -> int:
     return code
 
 
-def table(study: Study, root: Path) -> str:
+def table(study: Study, kept: Kept) -> str:
     """The study's table, Markdown: a row for each variant with what its seeds have come to."""
     rows = []
     for variant in study.variants:
-        runs = [measured.of(variant.folder(root, seed), variant.steps) for seed in variant.seeds]
+        runs = [kept.find(variant.name, seed, variant.changed) for seed in variant.seeds]
         rows.append((variant.name, variant.about, [run for run in runs if run is not None]))
     return measured.markdown(rows)
 
@@ -182,6 +201,7 @@ def main() -> int:
     flags, study = read_flags()
     root = flags.runs / study.name
     root.mkdir(parents=True, exist_ok=True)
+    kept = Kept(flags.study)
     chosen = [variant for variant in study.variants if not flags.only or variant.name in flags.only]
     most = max(len(variant.seeds) for variant in chosen)
     jobs = [
@@ -189,10 +209,10 @@ def main() -> int:
         for turn in range(most)
         for variant in chosen
         if turn < len(variant.seeds)
-        and not measured.is_whole(variant.folder(root, variant.seeds[turn]), variant.steps)
+        and kept.find(variant.name, variant.seeds[turn], variant.changed) is None
     ]
-    failed = [] if flags.table else train_all(jobs, root, flags.lanes)
-    text = table(study._replace(variants=tuple(chosen)), root)
+    failed = [] if flags.table else train_all(jobs, root, flags.lanes, kept)
+    text = table(study._replace(variants=tuple(chosen)), kept)
     if not flags.only:
         (root / "table.md").write_text(text + "\n")
     print(text)

@@ -18,15 +18,23 @@ import numpy as np
 from brax.envs.base import Env, State, Wrapper
 from brax.envs.wrappers.training import EpisodeWrapper, VmapWrapper
 
-from dronecombat_jax.adapters.one_side import WINS, begin, refuse_wrong_number, role_of, time_limit
+from dronecombat_jax.adapters.one_side import (
+    WINS,
+    all_actions,
+    begin,
+    earned,
+    refuse_wrong_number,
+    role_of,
+    seen,
+    time_limit,
+)
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.combat.scripted import Pilot
-from dronecombat_jax.config.sides import require_duel
+from dronecombat_jax.config.sides import mates
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import (
     ACTION_SIZE,
-    NUM_SIDES,
     EnvState,
     Outcome,
     StepOutput,
@@ -52,20 +60,19 @@ class CombatEnv(Env):
 
         Raises UserError for a role that is none, and for an opponent too many or too few.
         """
-        require_duel(combat.config.game.sides, "this view of the fights")
         role = role_of(role)
         refuse_wrong_number(combat, role, int(opponent is not None))
         self.combat, self.role, self._opponent = combat, role, opponent
-        self._exploring = exploring
+        self._exploring, self._drones = exploring, len(mates(combat.sides, role))
         self._outcomes = np.asarray(outcome_table(combat.config.game))
 
     @property
     def observation_size(self) -> int:
-        return self.combat.observation.size
+        return self._drones * self.combat.observation.size
 
     @property
     def action_size(self) -> int:
-        return ACTION_SIZE
+        return self._drones * ACTION_SIZE
 
     @property
     def backend(self) -> str:
@@ -101,14 +108,14 @@ class CombatEnv(Env):
         )
 
     def step(self, state: State, action: jax.Array) -> State:
-        """Fly one control step with the learner's `action` [4]; the environment clips it. Does not
-        reset.
+        """Fly one control step with the learner's `action` [4], or [4 M]; the environment clips it.
+        Does not reset.
         """
         key, opponent_key = jax.random.split(_typed(state.info["key"]))
         fight, output = self.combat.step(
             _fight(state), self._both(_fight(state), action, opponent_key)
         )
-        observation = output.observation[self.role]
+        observation = seen(self.combat, self.role, output.observation)
         info = {
             "key": jax.random.key_data(key),
             "time_out": output.truncated.astype(jnp.float32),
@@ -118,7 +125,7 @@ class CombatEnv(Env):
             state,
             pipeline_state=fight,  # pyright: ignore[reportArgumentType]
             obs=observation,
-            reward=output.reward[self.role],
+            reward=earned(self.combat, self.role, output.reward),
             done=(output.terminated | output.truncated).astype(jnp.float32),
             metrics=state.metrics | self._outcome(output),
             info=state.info | info,
@@ -129,8 +136,8 @@ class CombatEnv(Env):
         return begin(self.combat, key, self._exploring)
 
     def observe(self, fight: EnvState) -> jax.Array:
-        """What the learner sees of a fight, [35]."""
-        return self.combat.observe(fight)[self.role]
+        """What the learner sees of a fight, [35]; of a team of M drones [35 M]."""
+        return seen(self.combat, self.role, self.combat.observe(fight))
 
     def _both(self, fight: EnvState, action: jax.Array, key: jax.Array) -> jax.Array:
         """Both actions [A, 4]. A pilot flies a batch of fights, here of one."""
@@ -139,13 +146,7 @@ class CombatEnv(Env):
         else:
             alone = jax.tree.map(lambda leaf: leaf[None], fight)
             other = self._opponent(alone, self.combat.observe(fight)[None], key)[0]
-        return (
-            jnp.zeros((NUM_SIDES, ACTION_SIZE))
-            .at[self.role]
-            .set(action)
-            .at[1 - self.role]
-            .set(other)
-        )
+        return all_actions(self.role, action, other)
 
     def _outcome(self, output: StepOutput) -> dict[str, jax.Array]:
         ended = output.terminated | output.truncated

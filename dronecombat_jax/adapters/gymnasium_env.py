@@ -4,7 +4,8 @@
     fights = CombatVectorEnv(combat, "attacker", "pilots:sippo-defender", num_envs=256)
     fight = CombatEnv(combat, "defender", ["scripted:dash", "scripted:weave"])
 
-All fights of a vector environment are flown in one jitted call, and its results are copied to NumPy
+The learner flies all drones of its side: of a team of M, observations are [35 M] and actions [4 M],
+one drone's after the other's, and the reward is the mean of the team's. All fights of a vector environment are flown in one jitted call, and its results are copied to NumPy
 once a step. Fight i of seed s is the same however many fights there are, and `CombatEnv` flies fight
 0. Infos have `cause` (a `Cause`), `outcome` (1 won, 0 tied, -1 lost) and `is_success` of the fights
 that ended. What does not live here: the game (`combat`), starts and opponents (`one_side`).
@@ -33,7 +34,7 @@ from dronecombat_jax.adapters.opponents import Opponents, pilots_of
 from dronecombat_jax.adapters.side_programs import Flown, programs
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.schema import one_line
-from dronecombat_jax.config.sides import require_duel
+from dronecombat_jax.config.sides import mates
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import ACTION_SIZE, Cause
 
@@ -61,13 +62,12 @@ class CombatVectorEnv(VectorEnv):
         """`opponents`: as of `opponents.pilots_of`; None in `solo`. `exploring`: fights begin as in
         training, with up to `train.start_speed`. Raises UserError for what cannot be.
         """
-        require_duel(combat.config.game.sides, "this view of the fights")
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
             raise UserError(f"num_envs = {num_envs}: a whole number from 1 on is allowed")
         self.combat, self.role, self.num_envs = combat, role_of(role), num_envs
         self.autoreset_mode = _mode_of(autoreset_mode)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": []}
-        self.single_observation_space, self.single_action_space = spaces_of(combat)
+        self.single_observation_space, self.single_action_space = spaces_of(combat, self.role)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         pilots = pilots_of(combat, self.role, opponents)
@@ -122,7 +122,7 @@ class CombatVectorEnv(VectorEnv):
 
         Raises UserError for actions of another shape, and under DISABLED for a fight that is over.
         """
-        shape = (self.num_envs, ACTION_SIZE)
+        shape = (self.num_envs, *self.single_action_space.shape)
         given = np.asarray(actions, np.float32)
         if given.shape != shape:
             raise UserError(f"actions have the shape {given.shape}: {shape} is needed")
@@ -212,7 +212,7 @@ class CombatEnv(gymnasium.Env):
         }
         self.render_mode = require_mode(render_mode)
         self.combat, self.role = combat, self._fights.role
-        self.observation_space, self.action_space = spaces_of(combat)
+        self.observation_space, self.action_space = spaces_of(combat, self.role)
         self._frames = Frames(combat)
 
     @property
@@ -240,8 +240,9 @@ class CombatEnv(gymnasium.Env):
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """One control step with `action` [4], clipped to [-1, 1]. Raises UserError after the end."""
         given = np.asarray(action, np.float32)
-        if given.shape != (ACTION_SIZE,):
-            raise UserError(f"the action has the shape {given.shape}: ({ACTION_SIZE},) is needed")
+        if given.shape != self.action_space.shape:
+            shape = self.action_space.shape
+            raise UserError(f"the action has the shape {given.shape}: {shape} is needed")
         if self._fights._over[0]:
             raise UserError("the fight is over: call reset()")
         observation, reward, terminated, truncated, infos = self._fights.step(given[None])
@@ -257,12 +258,12 @@ class CombatEnv(gymnasium.Env):
         self._frames.close()
 
 
-def spaces_of(combat: Combat) -> tuple[Box, Box]:
-    """The spaces of one drone: an observation [35], not bounded, and an action [4] in [-1, 1]."""
-    size = combat.observation.size
+def spaces_of(combat: Combat, role: int) -> tuple[Box, Box]:
+    """The spaces of a side's M drones: an observation [35 M], not bounded, an action [4 M] in [-1, 1]."""
+    drones = len(mates(combat.sides, role))
     return (
-        Box(-np.inf, np.inf, (size,), np.float32),
-        Box(-1.0, 1.0, (ACTION_SIZE,), np.float32),
+        Box(-np.inf, np.inf, (drones * combat.observation.size,), np.float32),
+        Box(-1.0, 1.0, (drones * ACTION_SIZE,), np.float32),
     )
 
 

@@ -1,6 +1,6 @@
 """One side of a fight for a learner, the other flown by an opponent: pure functions of one fight.
 
-In here: the fight with its key and its opponent, and how it begins, goes on and begins anew. Not in
+A learner flies its whole side: of a team, all drones at once. In here: the fight with its key and its opponent, and how it begins, goes on and begins anew. Not in
 here: any library's protocol (`gymnasium_env`), who the opponents are (`opponents`).
 """
 
@@ -15,6 +15,7 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.rules import outcome_table, timeout_decides
 from dronecombat_jax.combat.scripted import Pilot
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.sides import team
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import (
     ACTION_SIZE,
@@ -63,11 +64,11 @@ class OneSide:
         return Bout(begin(self.combat, spawn_key, self.exploring), key, opponent)
 
     def observe(self, bout: Bout) -> jax.Array:
-        """What the learner sees, [35]."""
-        return self.combat.observe(bout.fight)[self.role]
+        """What the learner sees, [35]; of a team of M drones [35 M], one after the other."""
+        return seen(self.combat, self.role, self.combat.observe(bout.fight))
 
     def step(self, bout: Bout, action: jax.Array) -> tuple[Bout, StepOutput]:
-        """One control step with the learner's `action` [4]; does not begin anew."""
+        """One control step with the learner's `action` [4], or [4 M]; does not begin anew."""
         key, opponent_key = jax.random.split(bout.key)
         both = self.both(bout, action, opponent_key)
         fight, output = self.combat.step(bout.fight, both)
@@ -75,12 +76,10 @@ class OneSide:
 
     def both(self, bout: Bout, action: jax.Array, key: jax.Array) -> jax.Array:
         """Both sides' actions [A, 4]; the opponent draws from `key`."""
-        pair: list[jax.Array] = [action] * NUM_SIDES
-        pair[1 - self.role] = self._answer(bout, key)
-        return jnp.stack(pair)
+        return all_actions(self.role, action, self._answer(bout, key))
 
     def _answer(self, bout: Bout, key: jax.Array) -> jax.Array:
-        """The opponent's action [4]. Pilots fly a batch of fights, here of one."""
+        """The opponent's action [4], a team's [M, 4]. Pilots fly a batch of fights, here of one."""
         if not self.pilots:
             return jnp.zeros(ACTION_SIZE)
         alone = jax.tree.map(lambda leaf: leaf[None], bout.fight)
@@ -96,6 +95,25 @@ def begin(combat: Combat, key: jax.Array, exploring: bool) -> EnvState:
     if not exploring:
         return combat.reset(key)
     return combat.explore(combat.exploring_numbers(key, ()), jnp.zeros((), bool))
+
+
+def seen(combat: Combat, role: int, observation: jax.Array) -> jax.Array:
+    """What the learner sees of all drones' `observation` [A, 35]: [35 M], its drones' one after the
+    other.
+    """
+    return observation[team(combat.sides, role)].reshape(-1)
+
+
+def earned(combat: Combat, role: int, reward: jax.Array) -> jax.Array:
+    """What the learner earns of all drones' `reward` [A]: the mean of its own, []."""
+    return jnp.mean(reward[team(combat.sides, role)])
+
+
+def all_actions(role: int, own: jax.Array, others: jax.Array) -> jax.Array:
+    """All drones' actions [A, 4], of the learner's `own` [4 M] and of its opponents', [4] or [M, 4]."""
+    of_sides = [others.reshape(-1, ACTION_SIZE)] * NUM_SIDES
+    of_sides[role] = own.reshape(-1, ACTION_SIZE)
+    return jnp.concatenate(of_sides)
 
 
 def role_of(side: int | str) -> int:

@@ -9,16 +9,17 @@ What does not live here: the fights (`one_side`), a tournament's field (`tournam
 from collections.abc import Sequence
 from typing import TypeAlias
 
+import jax.numpy as jnp
+
 from dronecombat_jax.adapters.one_side import refuse_wrong_number
-from dronecombat_jax.arena.match import Remembering, policy_pilot
+from dronecombat_jax.arena.match import AnyPilot, Remembering, policy_team, scripted_team
 from dronecombat_jax.arena.players import Player
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
-from dronecombat_jax.combat.scripted import Pilot, build_pilot
+from dronecombat_jax.combat.scripted import Pilot
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
-from dronecombat_jax.learn.mates import only
 from dronecombat_jax.tournaments.contenders import Contender, find
 from dronecombat_jax.types import SIDES
 
@@ -27,7 +28,8 @@ Opponents: TypeAlias = Pilot | str | Sequence[Pilot | str] | None
 
 
 def pilots_of(combat: Combat, role: int, opponents: Opponents) -> tuple[Pilot, ...]:
-    """The pilots that the learner, as `role`, can meet; () where it is alone (`solo`).
+    """The pilots that the learner, as `role`, can meet; () where it is alone (`solo`). Of a team, one
+    pilot flies all drones: a function of your own then gives [E, M, 4] for `E` fights.
 
     Words are those of a tournament: scripted:NAME, pilots:NAME, a policy file, a run (every chunk
     of it). Raises UserError for unknown words, for a pilot of the learner's own side, for one that
@@ -56,7 +58,7 @@ def _named(combat: Combat, role: int, word: str) -> list[Pilot]:
     for contender in flying:
         _refuse_other_game(combat, word, contender)
     return [
-        _pilot(combat, role, word, candidate.player)
+        _crew(combat, role, word, candidate.player)
         for candidate in flying
         if candidate.player is not None
     ]
@@ -71,13 +73,18 @@ def _refuse_other_game(combat: Combat, word: str, contender: Contender) -> None:
         raise UserError(f"{one_line(word)} was trained in another game: {differences}", EXIT_DATA)
 
 
-def _pilot(combat: Combat, role: int, word: str, player: Player) -> Pilot:
+def _crew(combat: Combat, role: int, word: str, player: Player) -> Pilot:
+    """The player at the controls of all drones of its side: a team's actions are [E, M, 4]."""
     if isinstance(player.pilot, str):
-        return build_pilot(player.pilot, combat.config, combat.scene, role)
-    learn = LearnConfig(normalize_observations=player.normalize)
-    pilot = policy_pilot(learn, only(player.pilot, "a view of one side"), role)
-    if isinstance(pilot, Remembering):
+        team: Sequence[AnyPilot] = scripted_team(combat, player.pilot, role)
+    else:
+        learn = LearnConfig(normalize_observations=player.normalize)
+        team = policy_team(combat.config, learn, player.pilot, role)
+    pilots = [pilot for pilot in team if not isinstance(pilot, Remembering)]
+    if len(pilots) < len(team):
         raise UserError(
             f"{one_line(word)}: a policy with memory cannot be met in a view of one side: its fights keep nothing for it"
         )
-    return pilot
+    if len(pilots) == 1:
+        return pilots[0]
+    return lambda *given: jnp.stack([pilot(*given) for pilot in pilots], axis=1)

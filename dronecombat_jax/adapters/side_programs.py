@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.adapters.one_side import Bout, OneSide, choose, fight_keys
+from dronecombat_jax.adapters.one_side import Bout, OneSide, choose, earned, fight_keys, seen
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import Pilot
 
@@ -18,8 +18,9 @@ from dronecombat_jax.combat.scripted import Pilot
 class Flown(NamedTuple):
     """What one call yields for N fights; arrays of JAX, or of NumPy once they are copied."""
 
-    observation: Any  # [N, 35] of the fight that goes on, or has newly begun
-    final_observation: Any  # [N, 35] after the step, before any new beginning
+    # [N, 35] of the fight that goes on, or has newly begun; for a team of M drones [N, 35 M]
+    observation: Any
+    final_observation: Any  # the same after the step, before any new beginning
     reward: Any  # [N]
     terminated: Any  # [N] bool
     truncated: Any  # [N] bool
@@ -48,6 +49,8 @@ def programs(
     programs.
     """
     side = OneSide(combat, role, pilots, exploring)
+    own = jax.vmap(functools.partial(seen, combat, role))
+    reward_of = jax.vmap(functools.partial(earned, combat, role))
 
     def begin(keys: jax.Array) -> tuple[Bout, jax.Array]:
         bout = jax.vmap(side.start)(keys)
@@ -59,7 +62,7 @@ def programs(
 
     def step(bout: Bout, action: jax.Array, over: jax.Array) -> tuple[Bout, Flown]:
         after, output = jax.vmap(side.step)(bout, action)
-        final, reward = output.observation[:, role], output.reward[:, role]
+        final, reward = own(output.observation), reward_of(output.reward)
         ended = output.terminated | output.truncated
         flown = Flown(final, final, reward, output.terminated, output.truncated, output.cause)
         if mode == "SAME_STEP":

@@ -16,12 +16,11 @@ from matplotlib.ticker import EngFormatter
 from dronecombat_jax.analysis.result import Entrant, TournamentResult
 from dronecombat_jax.analysis.study import Study
 from dronecombat_jax.arena.lanes import fight_key, start_states
-from dronecombat_jax.arena.match import policy_pilot, record, trajectory
+from dronecombat_jax.arena.match import policy_team, record, trajectory
 from dronecombat_jax.arena.players import Player, content_words
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import digest_of, environment
 from dronecombat_jax.config.fields import LearnConfig
-from dronecombat_jax.config.sides import require_duel
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.report.map_panels import Panel, pairs_of, panel_of, panel_steps
 from dronecombat_jax.report.pairs_page import PairsMap, pairs_data
@@ -29,7 +28,7 @@ from dronecombat_jax.report.replay_data import Fight
 from dronecombat_jax.report.replay_page import pairs_page
 from dronecombat_jax.report.shown_rules import rules_of
 from dronecombat_jax.tournaments.entrants import Field, read_field
-from dronecombat_jax.types import FightRecord, Policy, Trajectory
+from dronecombat_jax.types import FightRecord, SidePolicy, Trajectory
 from dronecombat_jax.watch.recording import joined
 
 BATCH = 64  # pairs that fly side by side
@@ -58,7 +57,6 @@ def fights_page(
     if len(pairs) > MOST_PAIRS:
         raise UserError(f"{len(pairs)} pairs are too many for a page: at most {MOST_PAIRS}")
     say(f"flying a fight of each of {len(pairs)} pairs ...")
-    require_duel(field.config.game.sides, "the page of fights")
     combat = Combat(field.config)
     both = [(players[0][pair[0].identity], players[1][pair[1].identity]) for pair in pairs]
     flown = fly_pairs(combat, both, int(about["seed"]), bool(about["stochastic"]))
@@ -80,14 +78,17 @@ def fly_pairs(
     start = start_states(combat, seed, 1)
 
     @partial(jax.jit, static_argnums=0)
-    def fly(normalize: tuple[bool, ...], policies: Sequence[Policy], words: jax.Array) -> Any:
-        def fly_one(both: Sequence[Policy], words: jax.Array) -> FightRecord:
+    def fly(normalize: tuple[bool, ...], policies: Sequence[SidePolicy], words: jax.Array) -> Any:
+        def fly_one(both: Sequence[SidePolicy], words: jax.Array) -> FightRecord:
             learn = [LearnConfig(normalize_observations=scaled) for scaled in normalize]
-            pilots = [policy_pilot(learn[role], both[role], role, stochastic) for role in (0, 1)]
+            teams = [
+                policy_team(combat.config, learn[role], both[role], role, stochastic)
+                for role in (0, 1)
+            ]
             return record(
                 combat,
-                pilots[0],
-                pilots[1],
+                teams[0],
+                teams[1],
                 start,
                 fight_key(jnp.uint32(seed), words, jnp.int32(0)),
             )

@@ -1,4 +1,4 @@
-"""Views of fights between teams: an agent for each drone, or one line that says why not."""
+"""Views of fights between teams: an agent for each drone, or one for all drones of a side."""
 
 import jax
 import numpy as np
@@ -7,15 +7,25 @@ from pettingzoo.test import parallel_api_test
 from toy import UNOPTIMISED, Coasting
 
 from dronecombat_jax.adapters import check
-from dronecombat_jax.adapters.brax_env import CombatEnv
+from dronecombat_jax.adapters.brax_env import CombatEnv, wrap
 from dronecombat_jax.adapters.gymnasium_env import CombatVectorEnv
 from dronecombat_jax.adapters.jaxmarl_env import CombatMultiAgentEnv
+from dronecombat_jax.adapters.opponents import pilots_of
 from dronecombat_jax.adapters.pettingzoo_env import CombatParallelEnv
+from dronecombat_jax.combat.scripted import build_pilot
 from dronecombat_jax.config.fields import Config, GameConfig
-from dronecombat_jax.errors import UserError
+from dronecombat_jax.config.sides import team
+from dronecombat_jax.types import ATTACKER, DEFENDER
 
 NAMES = ["defender1", "defender2", "attacker"]
 LENGTH = 15
+
+
+def crew(count):
+    """Opponents: `count` drones, each with an action of its own fight and its own number, [E, M, 4]."""
+    return lambda fights, seen, key: (
+        0.1 * fights.qpos[:, None, :4] * np.arange(1, count + 1)[:, None]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +76,55 @@ def test_the_checker_finds_nothing(combat: Coasting):
     assert check(CombatMultiAgentEnv(combat), steps=150).unseen == ()
 
 
-def test_a_view_of_one_drone_a_side_says_so(combat: Coasting):
-    for view in (CombatEnv, CombatVectorEnv):
-        with pytest.raises(UserError, match="made for one drone a side, not 2 against 1"):
-            view(combat, 0)
+@pytest.mark.parametrize("role", [DEFENDER, ATTACKER])
+def test_a_learner_flies_all_drones_of_its_side(combat: Coasting, role: int):
+    """Observations and actions end to end in the drones' order, the team's mean reward."""
+    own, others = team(combat.sides, role), team(combat.sides, 1 - role)
+    count, others_count = own.stop - own.start, others.stop - others.start
+    against = crew(others_count)
+    env = CombatVectorEnv(combat, role, against, 3)
+    single = CombatEnv(combat, role, against)
+    assert env.single_observation_space.shape == (51 * count,)
+    assert env.single_action_space.shape == (4 * count,)
+    assert (single.observation_size, single.action_size) == (51 * count, 4 * count)
+    start, _ = env.reset(seed=1)
+    fights = env.bout.fight
+    action = np.random.default_rng(0).uniform(-1, 1, (3, 4 * count)).astype(np.float32)
+    every = np.zeros((3, 3, 4), np.float32)
+    every[:, own] = action.reshape(3, count, 4)
+    every[:, others] = against(fights, None, None)
+    _, output = jax.jit(jax.vmap(combat.step), compiler_options=UNOPTIMISED)(fights, every)
+    following, reward, *_ = env.step(action)
+    rows = lambda seen: np.asarray(seen)[:, own].reshape(len(seen), -1)
+    np.testing.assert_allclose(start, rows(jax.vmap(combat.observe)(fights)), atol=1e-5)
+    np.testing.assert_allclose(following, rows(output.observation), atol=1e-5)
+    np.testing.assert_allclose(reward, np.mean(output.reward[:, own], axis=1), atol=1e-5)
+
+    state = single.reset(jax.random.key(0))
+    other = np.asarray(
+        against(jax.tree.map(lambda leaf: leaf[None], state.pipeline_state), None, None)
+    )[0]
+    both = np.zeros((3, 4), np.float32)
+    both[own], both[others] = action[0].reshape(count, 4), other
+    _, output = combat.step(state.pipeline_state, both)
+    after = single.step(state, action[0])
+    np.testing.assert_allclose(after.obs, rows(output.observation[None])[0], atol=1e-5)
+    assert after.reward == pytest.approx(float(np.mean(output.reward[own])), abs=1e-5)
+
+
+def test_named_opponents_fly_whole_teams(combat: Coasting):
+    """Each drone of a scripted team flies from its own place."""
+    (pilot,) = pilots_of(combat, ATTACKER, "scripted:proportional_navigation")
+    fights = jax.vmap(combat.reset)(jax.random.split(jax.random.key(0), 4))
+    answer = pilot(fights, jax.vmap(combat.observe)(fights), jax.random.key(1))
+    assert answer.shape == (4, 2, 4)
+    for drone in (0, 1):
+        alone = build_pilot("proportional_navigation", combat.config, combat.scene, DEFENDER, drone)
+        seen = jax.vmap(combat.observe)(fights)
+        np.testing.assert_allclose(answer[:, drone], alone(fights, seen, jax.random.key(1)))
+    assert not np.allclose(answer[:, 0], answer[:, 1])
+
+
+def test_the_checker_finds_nothing_in_a_view_of_a_team(combat: Coasting):
+    check(CombatVectorEnv(combat, DEFENDER, "scripted:dash", 4), steps=100)
+    check(wrap(CombatEnv(combat, DEFENDER, crew(1)), LENGTH), steps=100)

@@ -1,6 +1,7 @@
 """Studies: what a study file says, which trainings follow from it, and the table they end in."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ sys.path.insert(0, str(ROOT / "experiments"))
 
 import measured  # noqa: E402
 import variants  # noqa: E402
+from kept import Kept  # noqa: E402
 
 STUDY = """
 preset = "smoke"
@@ -110,6 +112,33 @@ def test_a_fight_begins_with_the_first_window_in_which_all_bars_hold():
     assert measured.fights_from([*records, record(5 * million // 2), record(3 * million)]) == 3e6
 
 
+def test_the_curve_has_every_window_and_none_where_no_fight_ended():
+    million = measured.WINDOW
+    curve = measured.curve(
+        [record(million // 2, down=0.2), record(million, down=0.4), record(3 * million)]
+    )
+    assert [window["defender down"] for window in curve] == [pytest.approx(0.3), None, 0.1]
+    assert measured.curve([]) == []
+
+
+def test_what_runs_came_to_is_kept_beside_the_study_for_the_same_settings(tmp_path):
+    study = tmp_path / "mine.toml"
+    study.write_text(STUDY)
+    plain, other = variants.read_study(study).variants
+    kept = Kept(study)
+    kept.keep("plain", 4, plain.changed, {"fights": True})
+    kept.keep("other", 5, other.changed, {"fights": False})
+    kept.keep("plain", 4, plain.changed, {"fights": False})  # measured again
+    assert len((tmp_path / "mine.jsonl").read_text().splitlines()) == 2
+    again = Kept(study)
+    assert again.find("plain", 4, plain.changed) == {"fights": False}
+    assert again.find("plain", 3, plain.changed) is None
+    assert again.find("other", 5, other.changed) == {"fights": False}
+    longer = other._replace(steps=18_000)
+    assert again.find("other", 5, longer.changed) is None
+    assert other.changed["learn.hidden_sizes"] == [8, 16] and "train.seed" not in other.changed
+
+
 def test_the_table_tells_worst_and_best_seed():
     def run(share: float, start: int | None) -> dict:
         return {
@@ -158,3 +187,6 @@ def test_a_whole_study_goes_on_where_it_stopped(tmp_path):
     assert found["steps"] >= 9000 and 0.0 <= found["against"]["dash"] <= 1.0
     again = run()
     assert "trained" not in again.stdout and again.stdout.strip().startswith("| variant")
+    shutil.rmtree(tmp_path / "runs")  # as on another machine
+    elsewhere = run()
+    assert elsewhere.stdout == again.stdout and not list((tmp_path / "runs").glob("*/*/"))

@@ -3,16 +3,19 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from saved_runs import write_run
+from saved_runs import TOY, write_run
 from small_tournament import LAYOUT, RULES
 from toy import Coasting
 
 from dronecombat_jax.arena import round_robin
+from dronecombat_jax.arena.rectangle import Rules
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.report import tournament_report
 from dronecombat_jax.tournaments import tournament as tournaments
 from dronecombat_jax.tournaments.result_file import load_about, load_result
@@ -32,14 +35,18 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     """A run of four chunks, its tournament, its report and the data of its page of fights."""
-    root = tmp_path_factory.mktemp("flown")
-    write_run(root / "four", chunks=CHUNKS)
+    return whole(tmp_path_factory.mktemp("flown"), TOY, RULES)
+
+
+def whole(root: Path, config: Config, rules: Rules) -> SimpleNamespace:
+    """The same of a run with these settings."""
+    write_run(root / "four", config, chunks=CHUNKS)
     with pytest.MonkeyPatch.context() as patch:
         for module in (tournaments, pairs):
             patch.setattr(module, "Combat", Coasting)
         patch.setattr(round_robin, "CPU_LAYOUT", LAYOUT)
         words = [str(root / "four"), "scripted:all"]
-        assert tournaments.tournament(words, RULES, root=str(root / "tournaments")) == 0
+        assert tournaments.tournament(words, rules, root=str(root / "tournaments")) == 0
         folder = root / "tournaments" / "four"
         assert tournament_report.report(str(folder), None, pairs.fights_page) == 0
     return SimpleNamespace(run=root / "four", folder=folder, data=read(folder / "report"))
@@ -53,6 +60,19 @@ def read(report: Path) -> dict:
 
 
 def test_every_cell_has_the_fight_that_was_counted(flown: SimpleNamespace):
+    assert_counted(flown)
+
+
+def test_every_cell_of_teams_has_the_fight_that_was_counted(tmp_path: Path):
+    """Two against one, and each drone draws its own actions."""
+    game = replace(TOY.game, defenders=2, attackers=1)
+    teams = whole(tmp_path, replace(TOY, game=game), RULES._replace(stochastic=True))
+    assert_counted(teams)
+    assert teams.data["fights"][0]["names"] == ["defender 1", "defender 2", "attacker"]
+
+
+def assert_counted(flown: SimpleNamespace) -> None:
+    """Every cell's fight has the outcome and the time of the first one that the tournament counted."""
     result = load_result(flown.folder)
     (shown,) = flown.data["maps"]
     numbers = np.asarray(shown["fights"])

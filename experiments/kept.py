@@ -1,0 +1,63 @@
+"""What trainings of a study have come to, kept beside the study file: studies/NAME.jsonl.
+
+A line a run: its variant and seed, the settings that are not the package's defaults, who trained it
+(commit, processor), and its measures (`measured.of`). So a study goes on where it was, on another
+machine, too. A line counts while the variant has the same settings and as many steps.
+"""
+
+import json
+import platform
+import subprocess
+from pathlib import Path
+from typing import Any
+
+NOT_OF_THE_GAME = ("run.", "train.seed", "train.num_seeds")
+
+
+def settings_of(preset: str, settings: dict[str, Any], steps: int) -> dict[str, Any]:
+    """The settings of a variant that are not the package's defaults, by dotted key."""
+    from dronecombat_jax.config import settings as read
+    from dronecombat_jax.config.fields import Config
+
+    config = read.load(preset, {**settings, "train.total_steps": steps})
+    changed = {key: value for key, _, value in read.diff(Config(), config)}
+    return json.loads(
+        json.dumps({k: v for k, v in changed.items() if not k.startswith(NOT_OF_THE_GAME)})
+    )
+
+
+class Kept:
+    """The lines of one study."""
+
+    def __init__(self, study: Path):
+        self.path = study.with_suffix(".jsonl")
+        text = self.path.read_text(encoding="utf-8") if self.path.exists() else ""
+        self._lines: list[dict[str, Any]] = [json.loads(line) for line in text.splitlines()]
+
+    def find(self, variant: str, seed: int, settings: dict[str, Any]) -> dict[str, Any] | None:
+        """The measures of a run; None where none is kept, or of other settings."""
+        for line in self._lines:
+            if (line["variant"], line["seed"], line["settings"]) == (variant, seed, settings):
+                return line["measured"]
+        return None
+
+    def keep(
+        self, variant: str, seed: int, settings: dict[str, Any], numbers: dict[str, Any]
+    ) -> None:
+        """Enter a run; one of the same variant and seed gives way to it."""
+        line = {"variant": variant, "seed": seed, "settings": settings, **_maker()}
+        others = [
+            line for line in self._lines if (line["variant"], line["seed"]) != (variant, seed)
+        ]
+        self._lines = sorted(
+            [*others, {**line, "measured": numbers}],
+            key=lambda line: (line["variant"], line["seed"]),
+        )
+        self.path.write_text("".join(json.dumps(line) + "\n" for line in self._lines))
+
+
+def _maker() -> dict[str, str]:
+    """Who trained: the commit, and the processor's kind."""
+    words = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short=12", "HEAD"]
+    said = subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip()
+    return {"commit": said, "machine": f"{platform.machine()}, Python {platform.python_version()}"}

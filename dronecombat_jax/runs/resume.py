@@ -186,10 +186,11 @@ def brought_up_to_date(state: "TrainState", config: Config) -> "TrainState":
     parameters, selfplay = state.learners.parameters, state.selfplay
     parameters = parameters.replace(log_std=bound(parameters.log_std))
     if selfplay is not None:
+        old: Any = selfplay.pools  # of one policy each: there were no teams yet
         pools = (
             pool
             and pool.replace(policies=pool.policies.replace(log_std=bound(pool.policies.log_std)))
-            for pool in selfplay.pools
+            for pool in old
         )
         selfplay = selfplay.replace(pools=tuple(pools))
     shape = state.env.clock.shape[:1]  # [S]

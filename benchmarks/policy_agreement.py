@@ -20,6 +20,7 @@ def main(path: Path, index: int) -> None:
     import jax
 
     from dronecombat_jax.files.rundir import RunDirectory
+    from dronecombat_jax.learn.mates import only
     from dronecombat_jax.learn.rollout import policy_mean
     from dronecombat_jax.policies.file import save_policy
     from dronecombat_jax.policies.numpy_policy import NumpyPolicy
@@ -31,7 +32,9 @@ def main(path: Path, index: int) -> None:
     seen = observations(run, policies(run, index))
     solo = run.config.game.scenario == "solo"
     for role in [SIDES[ATTACKER]] if solo else SIDES:
-        policy, info = policy_of_run(run, RunDirectory(path), role, run.config.train.seed + index)
+        first = run.config.train.seed
+        policy, info = policy_of_run(run, RunDirectory(path), role, first + index)
+        policy = only(policy, "this comparison")
         with tempfile.TemporaryDirectory() as folder:
             save_policy(Path(folder) / "policy.safetensors", policy, info)
             alone = NumpyPolicy(Path(folder) / "policy.safetensors")

@@ -30,6 +30,7 @@ from dronecombat_jax.combat.scripted import build_pilot, one_per_fight
 from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.sides import mates
+from dronecombat_jax.learn.mates import of_mate
 from dronecombat_jax.learn.memory import with_recall
 from dronecombat_jax.learn.rollout import policy_step, recalled
 from dronecombat_jax.types import (
@@ -41,6 +42,7 @@ from dronecombat_jax.types import (
     EnvState,
     FightResult,
     Policy,
+    SidePolicy,
 )
 
 STARTS, NOISE = 0, 1  # what the tournament's seed is used for
@@ -63,7 +65,7 @@ class Layout(NamedTuple):
 class Side(NamedTuple):
     """Who flies one side in a call."""
 
-    policies: Policy | None  # leaves [blocks, ...]
+    policies: SidePolicy | None  # leaves [blocks, ...]
     rows: jax.Array  # [blocks, block] int32, the lane on each seat; an empty seat repeats lane 0
     # [L] int32, the seat of each lane, counted through all blocks; 0 for a lane without one
     seat: jax.Array
@@ -171,7 +173,7 @@ def _memory(kinds: tuple[Kind, Kind]) -> int:
 def _team(
     combat: Combat, kind: Kind, side: Side, role: int, keys: jax.Array | None
 ) -> list[AnyPilot]:
-    """The pilots of a side's drones: all fly the lane's policy or scripted pilot."""
+    """The pilots of a side's drones, who fly the lane's policy or scripted pilot."""
     return [
         _pilot(combat, kind, side, Drone(role, drone, number), keys)
         for number, drone in enumerate(mates(combat.sides, role))
@@ -183,7 +185,7 @@ def _pilot(
 ) -> AnyPilot:
     policies = None
     if side.policies is not None:
-        policies = _policies(kind, side.policies, side, drone, keys)
+        policies = _policies(kind, of_mate(side.policies, drone.number), side, drone, keys)
         policies = _seeing(combat, kind.observation, policies)
     role = drone.role
     names = names_flown(kind, role)

@@ -18,6 +18,7 @@ from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.sides import mates
+from dronecombat_jax.learn.mates import of_drone
 from dronecombat_jax.learn.memory import memory_size, with_recall
 from dronecombat_jax.learn.rollout import policy_step, recalled
 from dronecombat_jax.types import (
@@ -28,6 +29,7 @@ from dronecombat_jax.types import (
     FightRecord,
     FightResult,
     Policy,
+    SidePolicy,
     Trajectory,
 )
 
@@ -87,11 +89,13 @@ def ready(start: EnvState, *teams: Team) -> EnvState:
 
 
 def policy_team(
-    config: Config, learn: LearnConfig, policy: Policy, role: int, stochastic: bool = False
+    config: Config, learn: LearnConfig, policy: SidePolicy, role: int, stochastic: bool = False
 ) -> Sequence[AnyPilot]:
     """`policy` at the controls of every drone of the side `role`."""
+    sides = config.game.sides
     return [
-        policy_pilot(learn, policy, drone, stochastic) for drone in mates(config.game.sides, role)
+        policy_pilot(learn, of_drone(policy, sides, drone), drone, stochastic)
+        for drone in mates(sides, role)
     ]
 
 

@@ -16,8 +16,9 @@ from dronecombat_jax.combat.scripted import PILOTS, PLANNERS, TEAMWORK
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
+from dronecombat_jax.learn.mates import of_mate
 from dronecombat_jax.learn.memory import memory_size
-from dronecombat_jax.types import Policy
+from dronecombat_jax.types import SIDES, SidePolicy, TeamPolicy
 
 
 class Player(NamedTuple):
@@ -26,7 +27,7 @@ class Player(NamedTuple):
     # digest of its parameters, or the scripted pilot's name; its random numbers depend on it
     identity: str
     # NumPy leaves without leading axes, log-std in its bounds; or the name of a scripted pilot
-    pilot: Policy | str
+    pilot: SidePolicy | str
     normalize: bool = True  # whether the policy sees scaled observations
     observation: str = ""  # the layout that it sees, of `OBSERVATIONS`; "": that of the game flown
 
@@ -44,6 +45,7 @@ class Kind(NamedTuple):
     memory: int = 0  # numbers that the policies remember of a fight
     others: int = 0  # units of their layer for slots of others (`types.Encoder`); 0: none
     recurrent: bool = False  # they remember by a GRU (`types.GRU`), not by frames
+    mates: int = 0  # policies of a side whose drones each have one; 0: one for all
     plans: bool = False  # the side's planner flies, and nobody else
     teams: bool = False  # scripted pilots of `TEAMWORK` fly, and nobody else
 
@@ -72,7 +74,7 @@ def kind_of(players: Sequence[Player]) -> Kind:
     return kind._replace(plans=any(map(_plans, players)), teams=any(map(_in_team, players)))
 
 
-def stack(players: Sequence[Player]) -> Policy | None:
+def stack(players: Sequence[Player]) -> SidePolicy | None:
     """The policies of players who are `alike`, leaves [P, ...]; None without any.
 
     In the place of a scripted pilot stands some policy, which never flies.
@@ -100,14 +102,24 @@ def names_flown(kind: Kind, role: int) -> list[str]:
     return list((TEAMWORK if kind.teams else PILOTS)[role])
 
 
-def refuse_other_shape(label: str, pilot: Policy | str, config: Config, layout: str = "") -> None:
-    """Raise UserError 3 where a policy sees more or fewer numbers than the game of `config` shows.
+def refuse_other_shape(
+    label: str, role: int, pilot: SidePolicy | str, config: Config, layout: str = ""
+) -> None:
+    """Raise UserError 3 where a policy sees more or fewer numbers than the game of `config` shows, or
+    its side has more or fewer drones.
 
     `layout`: the observation that it is shown, where that is not the game's own.
     """
     if isinstance(pilot, str):
         return
-    wanted = pilot.observation_scaler.mean.shape[-1]
+    flying = config.game.sides.count(role)
+    if isinstance(pilot, TeamPolicy) and len(pilot.mates) != flying:
+        raise UserError(
+            f"{one_line(label)} is {len(pilot.mates)} {SIDES[role]}s with a policy each, and this game "
+            f"has {flying}: it cannot fly here",
+            EXIT_DATA,
+        )
+    wanted = of_mate(pilot, 0).observation_scaler.mean.shape[-1]
     name = layout or config.game.observation
     if wanted != (shown := layout_of(name, config.game).size):
         raise UserError(
@@ -132,13 +144,16 @@ def _in_team(player: Player) -> bool:
 
 def _network(player: Player) -> tuple[Any, ...] | None:
     """Widths of its network, whether it normalises, what it sees, how much it remembers, units of
-    its encoder of others, and whether it has a GRU; None for a scripted pilot.
+    its encoder of others, whether it has a GRU, and how many policies it is; None for a scripted
+    pilot.
     """
     if isinstance(player.pilot, str):
         return None
-    policy = player.pilot
+    policy = of_mate(player.pilot, 0)
+    mates = len(player.pilot.mates) if isinstance(player.pilot, TeamPolicy) else 0
     network, size = policy.network, policy.observation_scaler.mean.shape[0]
     sizes = size, *(weight.shape[1] for weight in network.weights)
     others = 0 if network.others is None else network.others.biases.shape[-1]
     memory = memory_size(policy)
-    return sizes, player.normalize, player.observation, memory, others, policy.gru is not None
+    recurrent = policy.gru is not None
+    return sizes, player.normalize, player.observation, memory, others, recurrent, mates

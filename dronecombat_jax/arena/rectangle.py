@@ -17,7 +17,7 @@ from dronecombat_jax.arena.lanes import Lanes, Layout, Orders, Side, build_fly, 
 from dronecombat_jax.arena.players import Player, content_words, kind_of, scripted_numbers, stack
 from dronecombat_jax.arena.schedule import Schedule, tiles
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_SIDES, Cause, EnvState, Policy
+from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_SIDES, Cause, EnvState, SidePolicy
 
 
 class Rules(NamedTuple):
@@ -50,7 +50,7 @@ class Batch(NamedTuple):
     schedule: Schedule
     fly: Callable[..., Lanes]
     lanes: Lanes  # on the device; given away to the next call
-    crews: tuple[Policy | None, ...]  # by role: all policies, leaves [P, ...], on the device
+    crews: tuple[SidePolicy | None, ...]  # by role: all policies, leaves [P, ...], on the device
     device: Any  # a `jax.Device`
 
 
@@ -183,6 +183,6 @@ class Rectangle:
 
 
 @jax.jit
-def _take(crew: Policy, player: jax.Array) -> Policy:
+def _take(crew: SidePolicy, player: jax.Array) -> SidePolicy:
     """The policy of each block, leaves [blocks, ...]."""
     return jax.tree.map(lambda leaf: leaf[player], crew)

@@ -8,6 +8,7 @@ from typing import Literal
 from dronecombat_jax.cli.start import prepare
 from dronecombat_jax.config import flags
 from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.sides import MAX_TEAM
 from dronecombat_jax.config.starts import STARTS
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.files.rundir import find_run
@@ -52,6 +53,7 @@ class ExportFlags:
         dronecombat export ippo defender.safetensors --role defender
         dronecombat export ippo attacker.onnx --role attacker --chunk 12
         dronecombat export ippo policy.h --role attacker
+        dronecombat export ippo-2v1 second.onnx --role defender --drone 2    (learn.mates own)
     """
 
     run: str = setting("", "the run: its folder, or its name in runs/")
@@ -64,6 +66,13 @@ class ExportFlags:
         -1, "which checkpoint, counted from the untrained one; -1: the newest", low=-1, high=10**9
     )
     seed: int = setting(-1, "which of the run's seeds; -1: the only one", low=-1, high=2**31 - 1)
+    drone: int = setting(
+        0,
+        "whose policy alone, where team mates have one each (learn.mates own): 1, 2, ...; 0: all, in one "
+        ".safetensors file",
+        low=0,
+        high=MAX_TEAM,
+    )
     force: bool = setting(False, "replace a file that is there already")
 
 
@@ -97,7 +106,9 @@ def export(args: Sequence[str]) -> int:
 
     number = lambda value: None if value < 0 else value
     chunk, seed = number(given.chunk), number(given.seed)
-    return exporter.export(run, out, given.role, chunk=chunk, seed=seed, force=given.force)
+    return exporter.export(
+        run, out, given.role, chunk=chunk, seed=seed, drone=given.drone, force=given.force
+    )
 
 
 def _with_out_named(args: Sequence[str]) -> list[str]:

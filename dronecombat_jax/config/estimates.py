@@ -43,7 +43,7 @@ def estimated_bytes(config: Config) -> int:
     rollout = 2 * transitions * drones * (2 * seen + ACTION_SIZE + 10)
     minibatch = transitions // learn.minibatches * 6 * sum(learn.hidden_sizes)
     policy, value = _network_floats(config)
-    learners = SIDES * 3 * (policy + value)
+    learners = len(config.pupils) * 3 * (policy + value)
     floats = rollout + minibatch + learners + _pool_floats(config, policy)
     return train.num_seeds * (4 * floats + PHYSICS_BYTES * train.num_envs)
 
@@ -60,8 +60,9 @@ def estimated_disk_bytes(config: Config) -> int:
     train, chunks = config.train, config.num_chunks
     policy, value = _network_floats(config)
     fights = train.num_envs * FIGHT_FLOATS
-    checkpoint = train.num_seeds * 4 * (SIDES * 3 * (policy + value) + fights) + CHECKPOINT_BYTES
-    players = train.num_seeds * 4 * policy * _pool_roles(config) * chunks
+    learners = len(config.pupils) * 3 * (policy + value)
+    checkpoint = train.num_seeds * 4 * (learners + fights) + CHECKPOINT_BYTES
+    players = train.num_seeds * 4 * policy * _pool_policies(config) * chunks
     logs = train.num_seeds * RECORD_BYTES * chunks * train.chunk_iterations
     return kept_checkpoints(config) * checkpoint + players + logs
 
@@ -143,13 +144,19 @@ def _pool_floats(config: Config, policy: int) -> int:
     """
     environments = config.train.num_envs if config.selfplay.scope == "environment" else 0
     drawn = sum(
-        place.stop - place.first
+        (place.stop - place.first) * _policies_of(config, place.row.side)
         for place in opponents.places(config)
         if place.row is not None and place.row.past
     )
-    roles = _pool_roles(config)
-    return policy * (roles * (config.num_chunks + environments) + drawn)
+    return policy * (_pool_policies(config) * (config.num_chunks + environments) + drawn)
 
 
-def _pool_roles(config: Config) -> int:
-    return len({row.side for row in opponents.table(config) if row.past})
+def _pool_policies(config: Config) -> int:
+    """Policies in a slot of all pools together."""
+    roles = {row.side for row in opponents.table(config) if row.past}
+    return sum(_policies_of(config, side) for side in roles)
+
+
+def _policies_of(config: Config, side: int) -> int:
+    """Policies of a side: one, or one for each of its drones."""
+    return sum(pupil.side == side for pupil in config.pupils)

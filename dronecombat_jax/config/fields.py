@@ -16,6 +16,7 @@ from dronecombat_jax.config.game_fields import (
     SimConfig,
 )
 from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.sides import Pupil, pupils_of
 from dronecombat_jax.config.training_fields import (
     LearnConfig,
     RunConfig,
@@ -69,6 +70,11 @@ class Config:
     def steps_per_chunk(self) -> int:
         """Environment steps of one chunk, per seed."""
         return self.steps_per_iteration * self.train.chunk_iterations
+
+    @property
+    def pupils(self) -> tuple[Pupil, ...]:
+        """Who learns, in the order of all learners."""
+        return pupils_of(self.game.sides, self.learn.mates)
 
     @property
     def solo_envs(self) -> int:

@@ -19,6 +19,10 @@ class LearnConfig:
         "what the value function sees: what its policy does; or the whole state and who it is "
         "(MAPPO); the policy flies by its observation either way",
     )
+    mates: Literal["shared", "own"] = setting(
+        "shared",
+        "team mates learn one policy together; or each its own, with its own value function, optimiser and statistics",
+    )
     memory: Literal["none", "frames", "gru"] = setting(
         "none",
         "what a policy remembers of its fight: nothing; its last observations (frames); or the state "

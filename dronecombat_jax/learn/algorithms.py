@@ -14,17 +14,18 @@ import jax.numpy as jnp
 from dronecombat_jax.combat.observe import observation_of, whole_of
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.own import chosen
-from dronecombat_jax.config.sides import DUEL, Sides, team
+from dronecombat_jax.config.sides import DUEL, Sides, pupils_of
 from dronecombat_jax.learn.ippo import adopt, init_learner, update_learner
+from dronecombat_jax.learn.mates import Both, of_mate, of_side
 from dronecombat_jax.learn.rollout import policy_of, select
-from dronecombat_jax.types import NUM_SIDES, Policy, Transition, UpdateMetrics
+from dronecombat_jax.types import NUM_SIDES, Policy, SidePolicy, Transition, UpdateMetrics
 
-Learners = Any  # of both sides, leaves [A, ...]
+Learners = Any  # of all who learn (`Config.pupils`), leaves [L, ...]
 ALL = slice(None)  # environments
 
 
 class Algorithm(NamedTuple):
-    """Pure functions of one side; a learner is any pytree of arrays."""
+    """Pure functions of one who learns; a learner is any pytree of arrays."""
 
     # (key, settings, length of the observation) -> learner; PPO's also takes `critic_size`
     init: Callable[..., Any]
@@ -44,12 +45,28 @@ def algorithm_of(learn: LearnConfig) -> Algorithm:
 
 
 def new_learner(key: jax.Array, config: Config) -> Any:
-    """One side before training, by the algorithm of `config`; a central critic gets a length of its
-    own.
+    """One learner before training, by the algorithm of `config`; a central critic gets a length of
+    its own.
     """
     learn, size = config.learn, observation_of(config).size
     more = {"critic_size": whole_of(config).size} if learn.critic == "central" else {}
     return algorithm_of(learn).init(key, learn, size, **more)
+
+
+def live_policy(config: Config, learners: Learners, side: int) -> SidePolicy:
+    """What flies of a side's learners; `learners` leaves [L, ...]."""
+    policy = algorithm_of(config.learn).policy
+    return of_side(config.pupils, side, lambda index: policy(select(learners, index)))
+
+
+def adopt_policies(config: Config, learners: Learners, policies: Both) -> Learners:
+    """The learners, leaves [L, ...], flying the `policies` of both sides from now on."""
+    take = algorithm_of(config.learn).adopt
+    replaced = [
+        take(select(learners, index), of_mate(policies[pupil.side], pupil.number))
+        for index, pupil in enumerate(config.pupils)
+    ]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *replaced)
 
 
 def learn_from(
@@ -61,24 +78,24 @@ def learn_from(
     parts: tuple[slice, slice] = (ALL, ALL),
     sides: Sides = DUEL,
 ) -> tuple[Learners, UpdateMetrics]:
-    """Let each side that is `learning` [A] bool learn from its own part of the rollout.
+    """Let each side that is `learning` [2] bool learn from its own part of the rollout.
 
     A side that does not learn keeps every bit of its state. One that learns must have flown itself:
     `parts` are the environments, one after the other, in which each side has. Where there is none,
-    the side has no program at all. Team mates share their side's learner, which learns from the
-    steps of all of them: to it they are so many more environments.
+    the side has no program at all. Team mates that share a learner are so many more environments to
+    it; with a learner each (`learn.mates`), each learns from its own drone's steps.
     """
     results = []
-    for side in range(NUM_SIDES):
-        side_key = jax.random.fold_in(key, side)
+    for index, pupil in enumerate(pupils_of(sides, learn.mates)):
+        side, own_key = pupil.side, jax.random.fold_in(key, index)
         own = rollout if parts[side] == ALL else part_of(rollout, parts[side])
         if sides != DUEL:
-            own = of_team(own, team(sides, side))
-        learner = select(learners, side)
+            own = of_team(own, pupil.drones)
+        learner = select(learners, index)
         if own.clock.shape[1] == 0:
             results.append((learner, _nothing()))
         else:
-            results.append(_learn_if(learning[side], learn, learner, own, side, side_key))
+            results.append(_learn_if(learning[side], learn, learner, own, side, own_key))
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *results)
 
 
@@ -88,8 +105,8 @@ def part_of(rollout: Any, part: slice) -> Any:
 
 
 def of_team(rollout: Transition, mates: slice) -> Transition:
-    """The rollout of one side's drones, leaves [T, N n, 2, ...]: each of n team mates as if it were
-    alone in an environment of its own.
+    """The rollout of some drones of a side, leaves [T, N n, 2, ...]: each of n team mates as if it
+    were alone in an environment of its own.
 
     In both places of the agents' axis stands the side's own drone, so that a learner finds it in
     the place of its side.
@@ -128,6 +145,6 @@ def _learn_if(
 
 
 def _nothing() -> UpdateMetrics:
-    """The report of a side that does not learn."""
+    """The report of one who does not learn."""
     blank = dict.fromkeys(UpdateMetrics._fields, jnp.zeros(()))
     return UpdateMetrics(**blank | {"skipped": jnp.zeros((), jnp.int32)})

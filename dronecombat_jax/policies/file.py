@@ -24,7 +24,7 @@ from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.tensorfile import PolicyError, digest_of
 from dronecombat_jax.learn.recurrent import GATES
 from dronecombat_jax.policies.info import NO_MEMORY, PolicyInfo, info_of, metadata_of
-from dronecombat_jax.types import GRU, MLP, Encoder, Policy, Scaler
+from dronecombat_jax.types import GRU, MLP, Encoder, Policy, Scaler, SidePolicy, TeamPolicy
 
 MAX_NAME_BYTES = 200  # a file system takes 255, and the temporary name beside it is longer
 _MAX_NAMED = 5
@@ -32,15 +32,15 @@ GRU_PARTS = ("weights", "state_weights", "biases", "candidate_bias")  # of `type
 
 
 class SavedPolicy(NamedTuple):
-    """A policy as read from a file; NumPy leaves."""
+    """A side's policy as read from a file; NumPy leaves."""
 
-    policy: Policy
+    policy: SidePolicy
     info: PolicyInfo
 
 
-def save_policy(path: Path, policy: Policy, info: PolicyInfo, *, force: bool = False) -> None:
-    """Write one policy (leaves without leading axes) to `path`, whole or not at all; equal input,
-    equal bytes.
+def save_policy(path: Path, policy: SidePolicy, info: PolicyInfo, *, force: bool = False) -> None:
+    """Write a side's policy (leaves without leading axes) to `path`, whole or not at all; equal
+    input, equal bytes.
 
     Raises UserError 73 where `path` exists (without `force`) or the disk refuses, PolicyError for
     NaN or infinity and for arrays that are not those of `info.layer_sizes`.
@@ -70,7 +70,7 @@ def load_policy(path: Path) -> SavedPolicy:
     claimed = metadata.pop("sha256", "")
     if claimed != digest_of(tensors, metadata):
         raise PolicyError(path, "damaged: its sha256 does not match its content")
-    return SavedPolicy(_policy(tensors, len(info.layer_sizes) - 1), info)
+    return SavedPolicy(_side(tensors, info), info)
 
 
 def refuse_overwriting(path: Path, force: bool) -> None:
@@ -130,8 +130,13 @@ def as_flown(policy: Policy, learn: LearnConfig) -> Policy:
     return policy.replace(log_std=bounded)
 
 
-def tensors_of(policy: Policy) -> dict[str, np.ndarray]:
-    """The arrays of a policy by their names in the file."""
+def tensors_of(policy: SidePolicy) -> dict[str, np.ndarray]:
+    """The arrays of a side's policy by their names in the file; of policies of team mates each with
+    one axis more, the first.
+    """
+    if isinstance(policy, TeamPolicy):
+        each = [tensors_of(mate) for mate in policy.mates]
+        return {name: np.stack([arrays[name] for arrays in each]) for name in each[0]}
     network, scaler = policy.network, policy.observation_scaler
     arrays = {
         **{f"weights.{i}": weight for i, weight in enumerate(network.weights)},
@@ -146,6 +151,14 @@ def tensors_of(policy: Policy) -> dict[str, np.ndarray]:
     if policy.gru is not None:
         arrays |= {f"gru_{name}": getattr(policy.gru, name) for name in GRU_PARTS}
     return {name: np.asarray(array) for name, array in arrays.items()}
+
+
+def _side(tensors: dict[str, np.ndarray], info: PolicyInfo) -> SidePolicy:
+    layers = len(info.layer_sizes) - 1
+    if info.mates == 1:
+        return _policy(tensors, layers)
+    of = lambda number: {name: np.asarray(array[number]) for name, array in tensors.items()}
+    return TeamPolicy(tuple(_policy(of(number), layers) for number in range(info.mates)))
 
 
 def _policy(tensors: dict[str, np.ndarray], layers: int) -> Policy:
@@ -177,8 +190,9 @@ def _misfit(tensors: dict[str, np.ndarray], info: PolicyInfo) -> str:
         **_encoder_shapes(info.others_size),
         **_gru_shapes(sizes[0], info.gru_size),
     }
+    lead = (info.mates,) if info.mates > 1 else ()
     spelt = lambda dtype, shape: f"{dtype}[{','.join(map(str, shape))}]"
-    wanted = {name: spelt("float32", shape) for name, shape in expected.items()}
+    wanted = {name: spelt("float32", (*lead, *shape)) for name, shape in expected.items()}
     given = {name: spelt(array.dtype.name, array.shape) for name, array in tensors.items()}
     wrong = [
         f"{name}: expected {wanted.get(name, 'nothing')}, got {given.get(name, 'nothing')}"

@@ -19,7 +19,7 @@ from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.types import ACTION_SIZE, SIDES
 
 FORMAT = "dronecombat-policy"
-FORMAT_VERSION = 2  # 1: a policy without memory
+FORMAT_VERSION = 3  # 1: a policy without memory, 2: with it, 3: policies of team mates
 ACTIVATION = "elu"
 _WRENCH = ("thrust", "moment_x", "moment_y", "moment_z")  # body frame (`sim.flight.wrench`)
 ACTION_FIELDS = {  # by `sim.actuation`
@@ -56,6 +56,8 @@ class PolicyInfo(NamedTuple):
     # what it remembers of its fight: "none"; "frames K": the first layer takes K observations;
     # "gru H": it takes an observation and the H numbers of a GRU's state
     memory: str = NO_MEMORY
+    mates: int = 1  # policies in the file: one for all drones of its side, or one for each
+    drone: int = 0  # whose alone it is of a side whose drones each have one, from 1; 0: all of them
 
     @property
     def first_inputs(self) -> int:
@@ -105,12 +107,12 @@ def memory_of(learn: LearnConfig) -> str:
 def metadata_of(info: PolicyInfo) -> dict[str, str]:
     """Everything but the arrays, every value as text.
 
-    Of a policy without memory it is that of format 1.
+    Of one policy without memory it is that of format 1.
     """
-    remembers = info.memory != NO_MEMORY
+    remembers, apart = info.memory != NO_MEMORY, info.mates > 1
     return {
         "format": FORMAT,
-        "format_version": str(FORMAT_VERSION if remembers else 1),
+        "format_version": str(3 if apart else 2 if remembers else 1),
         "role": info.role,
         "layer_sizes": json.dumps(info.layer_sizes),
         "activation": ACTIVATION,
@@ -133,6 +135,8 @@ def metadata_of(info: PolicyInfo) -> dict[str, str]:
         "config_sha256": info.config_sha256,
         **({"memory": info.memory} if remembers else {}),
         **({"others_size": str(info.others_size)} if info.others_size else {}),
+        **({"mates": str(info.mates)} if apart else {}),
+        **({"drone": str(info.drone)} if info.drone else {}),
     }
 
 
@@ -149,9 +153,11 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
             f"it has format {version}, this version reads up to {FORMAT_VERSION}: upgrade dronecombat-jax"
         )
     environment = _environment(metadata)
-    memory = _matching(metadata, "memory", _MEMORY) if version > 1 else NO_MEMORY
+    remembers = version == 2 or (version > 2 and "memory" in metadata)
+    role = _matching(metadata, "role", re.compile("|".join(SIDES)))
+    team = environment.get(f"game.{role}s", 1)
     info = PolicyInfo(
-        role=_matching(metadata, "role", re.compile("|".join(SIDES))),
+        role=role,
         layer_sizes=_layer_sizes(metadata, environment),
         normalize_observations=_matching(
             metadata, "normalize_observations", re.compile("true|false")
@@ -166,7 +172,9 @@ def info_of(metadata: dict[str, str]) -> PolicyInfo:
         jax_version=_matching(metadata, "jax_version", _ID),
         config_sha256=_matching(metadata, "config_sha256", _SHA256),
         others_size=_others_size(metadata, environment),
-        memory=memory,
+        memory=_matching(metadata, "memory", _MEMORY) if remembers else NO_MEMORY,
+        mates=_whole(metadata, "mates", team, team) if version > 2 else 1,
+        drone=_whole(metadata, "drone", 1, team) if "drone" in metadata else 0,
     )
     for key, expected in metadata_of(info).items():
         if metadata.get(key) != expected:
@@ -227,8 +235,11 @@ def _json(metadata: dict[str, str], key: str) -> Any:
         raise _wrong(metadata, key, "expected JSON") from None
 
 
-def _whole(metadata: dict[str, str], key: str) -> int:
-    return int(_matching(metadata, key, _WHOLE))
+def _whole(metadata: dict[str, str], key: str, low: int = 0, high: int = 10**18) -> int:
+    number = int(_matching(metadata, key, _WHOLE))
+    if not low <= number <= high:
+        raise _wrong(metadata, key, f"expected {low} to {high}, by the size of its team")
+    return number
 
 
 def _matching(metadata: dict[str, str], key: str, pattern: re.Pattern[str]) -> str:

@@ -28,6 +28,11 @@ class NumpyPolicy:
             header = json.loads(file.read(length)) if length <= 1_000_000 else {}
             data = file.read()
         self.about = header.pop("__metadata__", {})
+        if "mates" in self.about:
+            one = "dronecombat export RUN --drone 2 FILE writes that of the second alone"
+            raise ValueError(
+                f"{path}: it holds the policies of {self.about['mates']} drones; {one}"
+            )
         known = self.about.get("format_version") in ("1", "2")
         if self.about.get("format") != "dronecombat-policy" or not known:
             raise ValueError(f"{path}: no dronecombat policy of format 1 or 2")

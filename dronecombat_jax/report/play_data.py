@@ -16,13 +16,14 @@ from dronecombat_jax.combat.starts import ARENA_HALF_WIDTH, places
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
+from dronecombat_jax.learn.mates import only
 from dronecombat_jax.learn.memory import memory_size
 from dronecombat_jax.learn.normalize import CLIP, EPSILON
 from dronecombat_jax.report.endings import WINNERS, who_and_why
 from dronecombat_jax.sim.craft import is_ideal
 from dronecombat_jax.sim.fluid import drags
 from dronecombat_jax.sim.scene import Scene
-from dronecombat_jax.types import NUM_SIDES, Cause, Policy
+from dronecombat_jax.types import NUM_SIDES, Cause, SidePolicy
 
 Data = dict[str, Any]
 SEEN = ("world", "ego")  # observations that the page's code knows
@@ -32,7 +33,7 @@ class Opponent(NamedTuple):
     """Who flies a side where no person does."""
 
     label: str
-    pilot: Policy | str  # NumPy leaves; or the name of a scripted pilot
+    pilot: SidePolicy | str  # NumPy leaves; or the name of a scripted pilot
     learn: LearnConfig  # how the policy sees
 
 
@@ -113,11 +114,12 @@ def opponent_data(opponent: Opponent) -> Data:
                 "another pilot. dronecombat replay shows its fights"
             )
         return {"label": label, "scripted": opponent.pilot}
-    if memory_size(opponent.pilot):
+    policy = only(opponent.pilot, "the page to fly in")
+    if memory_size(policy):
         raise UserError(
             f"{label}: the page flies policies without memory alone. dronecombat replay shows its fights"
         )
-    network, scaler = opponent.pilot.network, opponent.pilot.observation_scaler
+    network, scaler = policy.network, policy.observation_scaler
     divisor = np.sqrt(np.asarray(scaler.variance, np.float32)) + np.float32(EPSILON)
     layers = zip(network.weights, network.biases, strict=True)
     arrays = [scaler.mean, divisor, *(array for layer in layers for array in layer)]

@@ -21,6 +21,7 @@ from dronecombat_jax.config.starts import with_starts
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.rundir import RunDirectory
+from dronecombat_jax.learn.mates import Both
 from dronecombat_jax.runs.opponents import kept_policy
 from dronecombat_jax.runs.records import ENDINGS
 from dronecombat_jax.runs.resume import load_state, newest_start
@@ -32,7 +33,7 @@ from dronecombat_jax.types import (
     SIDES,
     FightResult,
     Outcome,
-    Policy,
+    SidePolicy,
     TrainState,
 )
 
@@ -46,7 +47,7 @@ class SavedRun(NamedTuple):
     state: TrainState  # NumPy leaves [S, ...]
     met: dict[str, Any]  # the environment that it was trained in (`combat.fingerprint`)
     # by side: who sits in the place of one that never learns, a policy or a scripted pilot's name
-    frozen: tuple[Policy | str | None, ...] = (None, None)
+    frozen: tuple[SidePolicy | str | None, ...] = (None, None)
 
 
 def load_run(path: Path, chunk: int | None = None) -> SavedRun:
@@ -61,23 +62,22 @@ def load_run(path: Path, chunk: int | None = None) -> SavedRun:
     return SavedRun(config, combat, start.iteration, state, met, frozen)
 
 
-def _frozen(run: RunDirectory, config: Config, side: int) -> Policy | str | None:
+def _frozen(run: RunDirectory, config: Config, side: int) -> SidePolicy | str | None:
     """Who sits in the place of a side that never learns; None for one that does."""
     row = stands_for(config, side)
     return None if row is None else row.scripted or kept_policy(run, config, row)
 
 
-def policies(run: SavedRun, seed_index: int) -> tuple[Policy, Policy]:
-    """Defender's and attacker's policy of one of the run's seeds, as they are flown.
+def policies(run: SavedRun, seed_index: int) -> Both:
+    """Defenders' and attackers' policy of one of the run's seeds, as they are flown.
 
     Of a side that never learns, its untrained one: see `flown_by`.
     """
-    each = policies_of(run.state.learners, run.config.learn)  # leaves [S, A, ...]
-    of_role = lambda role: jax.tree.map(lambda leaf: leaf[seed_index, role], each)
-    return of_role(DEFENDER), of_role(ATTACKER)
+    both = policies_of(run.state.learners, run.config)  # leaves [S, ...]
+    return jax.tree.map(lambda leaf: leaf[seed_index], both)
 
 
-def flown_by(run: SavedRun, seed_index: int) -> tuple[Policy | str, Policy | str]:
+def flown_by(run: SavedRun, seed_index: int) -> tuple[SidePolicy | str, SidePolicy | str]:
     """Who flew in the run at last: the policies of one of its seeds, or in the place of a side that
     never learns, the frozen policy or the scripted pilot that it trained against.
     """
@@ -112,14 +112,16 @@ def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
     ]
     flown = [None if isinstance(flyer, str) else flyer for flyer in flyers]
 
-    def pilots_of(policy: Policy | None, role: int) -> Team:
+    def pilots_of(policy: SidePolicy | None, role: int) -> Team:
         if policy is None or names[role]:
             return scripted_team(combat, names[role], role)
         # who is frozen flew its mean action in training, too
         drawn = match.stochastic and run.frozen[role] is None
         return policy_team(config, learn, policy, role, drawn)
 
-    def fly(defender: Policy | None, attacker: Policy | None, key: jax.Array) -> FightResult:
+    def fly(
+        defender: SidePolicy | None, attacker: SidePolicy | None, key: jax.Array
+    ) -> FightResult:
         start_key, fight_key = jax.random.split(key)
         pilots = pilots_of(defender, DEFENDER), pilots_of(attacker, ATTACKER)
         return fight(combat, *pilots, start_fights(combat, start_key, fights), fight_key)

@@ -11,15 +11,17 @@ import jax
 from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.observe import OBSERVATIONS, observation_of
 from dronecombat_jax.config import settings
+from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.files.versions import package_version
+from dronecombat_jax.learn.mates import only
 from dronecombat_jax.policies.c_header import save_c
 from dronecombat_jax.policies.file import refuse_overwriting, save_policy
 from dronecombat_jax.policies.info import PolicyInfo, memory_of
 from dronecombat_jax.policies.onnx import require_onnx, save_onnx
 from dronecombat_jax.runs.evaluation import SavedRun, load_run, policies
-from dronecombat_jax.types import ACTION_SIZE, SIDES, Policy
+from dronecombat_jax.types import ACTION_SIZE, SIDES, Policy, SidePolicy, TeamPolicy
 
 
 def export(
@@ -29,22 +31,29 @@ def export(
     *,
     chunk: int | None = None,
     seed: int | None = None,
+    drone: int = 0,
     force: bool = False,
 ) -> int:
     """Write the policy of `role` from the run at `path` to `out`; returns 0.
 
-    `chunk` 0 is untrained, None the newest; `seed` may be None where the run has one alone.
-    Raises UserError: 2 for a seed or role that the run lacks, 3 for a checkpoint, 73 for `out`.
+    `chunk` 0 is untrained, None the newest; `seed` may be None where the run has one alone; `drone`:
+    whose policy alone, from 1, where each drone of the side has its own, 0 for all of them.
+    Raises UserError: 2 for a seed, role or drone that the run lacks, 3 for a checkpoint, 73 for
+    `out`.
     """
     refuse_overwriting(out, force)
     if out.suffix == ".onnx":
         require_onnx()
     run = load_run(path, chunk)
     policy, info = policy_of_run(run, RunDirectory(path), role, seed)
-    save = {".onnx": save_onnx, ".h": save_c}.get(out.suffix, save_policy)
-    save(out, policy, info, force=force)
+    if drone:
+        policy, info = _of_drone(policy, info, drone)
+    if save := {".onnx": save_onnx, ".h": save_c}.get(out.suffix):
+        save(out, only(policy, one_line(out.name)), info, force=force)
+    else:
+        save_policy(out, policy, info, force=force)
     print(
-        f"{out}: {role} of {info.run}, seed {info.seed}, chunk {info.chunk} ({info.steps:,} environment steps), "
+        f"{out}: {_whose(info)} of {info.run}, seed {info.seed}, chunk {info.chunk} ({info.steps:,} environment steps), "
         f"network {'-'.join(map(str, info.layer_sizes))}, {out.stat().st_size:,} bytes"
     )
     return 0
@@ -52,8 +61,8 @@ def export(
 
 def policy_of_run(
     run: SavedRun, directory: RunDirectory, role: str, seed: int | None
-) -> tuple[Policy, PolicyInfo]:
-    """One policy of a run (NumPy leaves) and where it comes from."""
+) -> tuple[SidePolicy, PolicyInfo]:
+    """One side's policy of a run (NumPy leaves) and where it comes from."""
     config = run.config
     if config.game.observation not in OBSERVATIONS:
         raise UserError(
@@ -72,6 +81,7 @@ def policy_of_run(
             EXIT_CONFIG,
         )
     index = _seed_index(run, directory, seed)
+    policy = policies(run, index)[SIDES.index(role)]
     info = PolicyInfo(
         role=role,
         layer_sizes=(
@@ -90,8 +100,29 @@ def policy_of_run(
         config_sha256=hashlib.sha256(settings.to_toml(config).encode()).hexdigest(),
         memory=memory_of(config.learn),
         others_size=config.learn.others_size if config.learn.others == "mean" else 0,
+        mates=len(policy.mates) if isinstance(policy, TeamPolicy) else 1,
     )
-    return policies(run, index)[SIDES.index(role)], info
+    return policy, info
+
+
+def _of_drone(policy: SidePolicy, info: PolicyInfo, drone: int) -> tuple[Policy, PolicyInfo]:
+    """The policy of one drone alone, `drone` from 1."""
+    if not isinstance(policy, TeamPolicy):
+        raise UserError(
+            f"--drone {drone}: every {info.role} of {info.run} flies one policy: leave it out",
+            EXIT_CONFIG,
+        )
+    if drone > info.mates:
+        raise UserError(
+            f"--drone {drone}: {info.run} has {info.role}s 1 to {info.mates}", EXIT_CONFIG
+        )
+    return policy.mates[drone - 1], info._replace(mates=1, drone=drone)
+
+
+def _whose(info: PolicyInfo) -> str:
+    if info.drone:
+        return f"{info.role} {info.drone} alone"
+    return f"{info.mates} {info.role}s with a policy each" if info.mates > 1 else info.role
 
 
 def _seed_index(run: SavedRun, directory: RunDirectory, seed: int | None) -> int:

@@ -31,6 +31,7 @@ COUNTED_IN = ("learn.rollout_steps", "train.chunk_iterations")
 SHAPES = (
     "learn.hidden_sizes",
     "learn.critic",
+    "learn.mates",
     "learn.others",
     "learn.others_size",
     "learn.memory",

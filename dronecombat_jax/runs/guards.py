@@ -18,8 +18,8 @@ from dronecombat_jax.errors import EXIT_CONFIG, EXIT_STOPPED, UserError
 from dronecombat_jax.files.arrays import flatten
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.rundir import RunDirectory
-from dronecombat_jax.runs.records import learning_agents
-from dronecombat_jax.types import NUM_SIDES, SIDES, IterationMetrics
+from dronecombat_jax.runs.records import learning_pupils
+from dronecombat_jax.types import IterationMetrics
 
 DIVERGED_SHARE = 0.01  # of the environments, in one iteration
 DIVERGED_ITERATIONS = 3
@@ -32,16 +32,16 @@ class Watch:
     def __init__(self, config: Config):
         self._config = config
         self._diverged = np.zeros(config.train.num_seeds, int)
-        self._skipped = np.zeros((config.train.num_seeds, NUM_SIDES), int)
+        self._skipped = np.zeros((config.train.num_seeds, len(config.pupils)), int)
 
     def verdict(self, report: IterationMetrics, first_iteration: int) -> str:
         """Why training must stop after these iterations, or ""; leaves of `report` are NumPy [S, I,
         ...].
 
-        Iterations in which an agent does not learn neither count nor end its row.
+        Iterations in which somebody does not learn neither count nor end its row.
         """
         learn, train = self._config.learn, self._config.train
-        learning = learning_agents(self._config, report, first_iteration)
+        learning = learning_pupils(self._config, report, first_iteration)
         lost = np.asarray(report.learners.skipped) >= learn.epochs * learn.minibatches
         many = np.asarray(report.diverged) > DIVERGED_SHARE * train.num_envs
         for i in range(many.shape[1]):
@@ -57,9 +57,9 @@ class Watch:
                     f"each of iterations {done - DIVERGED_ITERATIONS + 1} to {done} (a smaller sim.timestep may help)"
                 )
             if np.any(self._skipped >= SKIPPED_ITERATIONS):
-                seed, agent = np.unravel_index(np.argmax(self._skipped), self._skipped.shape)
+                seed, index = np.unravel_index(np.argmax(self._skipped), self._skipped.shape)
                 return (
-                    f"not one finite gradient for the {SIDES[agent]} of seed {train.seed + int(seed)} in its last "
+                    f"not one finite gradient for the {self._config.pupils[index].name} of seed {train.seed + int(seed)} in its last "
                     f"{SKIPPED_ITERATIONS} iterations, up to {done} (a smaller learn.learning_rate may help)"
                 )
         return ""

@@ -21,6 +21,7 @@ from dronecombat_jax.files.atomic import cannot_write
 from dronecombat_jax.files.manifest import CheckpointError
 from dronecombat_jax.files.rundir import RunDirectory, find_run
 from dronecombat_jax.files.tensorfile import PolicyError
+from dronecombat_jax.learn.mates import of_mate
 from dronecombat_jax.learn.memory import memory_size, recall_size
 from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.file import (
@@ -32,7 +33,7 @@ from dronecombat_jax.policies.file import (
     tensors_of,
 )
 from dronecombat_jax.policies.info import metadata_of
-from dronecombat_jax.types import SIDES, Policy
+from dronecombat_jax.types import SIDES, SidePolicy
 
 SUFFIX = ".safetensors"
 META = "opponents"  # of a checkpoint: digests of the copies by their names
@@ -45,7 +46,7 @@ class Frozen(NamedTuple):
     files: dict[str, str]  # the name of each one's copy
 
     @property
-    def cast(self) -> dict[str, Policy]:
+    def cast(self) -> dict[str, SidePolicy]:
         """What flies; NumPy leaves."""
         return {row: saved.policy for row, saved in self.saved.items()}
 
@@ -110,7 +111,7 @@ def keep(run: RunDirectory, frozen: Frozen) -> None:
         save_policy(run.opponents / frozen.files[row], policy, info, force=True)
 
 
-def kept_policy(run: RunDirectory, config: Config, wanted: Row) -> Policy:
+def kept_policy(run: RunDirectory, config: Config, wanted: Row) -> SidePolicy:
     """The copy of one row of a run, for those who look at it. CheckpointError."""
     return _copy(run, next(name for row, name in _rows(config) if row == wanted)).policy
 
@@ -125,7 +126,7 @@ def _gather(config: Config, read: Callable[[Row, str], SavedPolicy]) -> Frozen:
             require_environment(saved.info, config)
         except UserError as error:
             raise UserError(f"{one_line(row.name)}: {error.message}", error.exit_code) from None
-        if (needed := memory_size(saved.policy)) > recall_size(config):
+        if (needed := memory_size(of_mate(saved.policy, 0))) > recall_size(config):
             raise UserError(
                 f"{one_line(row.name)}: it remembers {needed} numbers of its fight, this run's policies "
                 f"{recall_size(config)}: with learn.memory they must remember as many",

@@ -26,7 +26,8 @@ from dronecombat_jax.files.tensorfile import PolicyError
 from dronecombat_jax.types import SIDES
 
 if TYPE_CHECKING:
-    from dronecombat_jax.types import Policy, SelfPlay, TrainState
+    from dronecombat_jax.learn.mates import Both
+    from dronecombat_jax.types import SelfPlay, SidePolicy, TrainState
 
 FOLDER = "players"
 
@@ -69,11 +70,11 @@ class Players:
         """Slots of `roster` whose file is missing or unsound."""
         return [slot for slot in range(roster.slots) if self._digest(slot) is None]
 
-    def mend(self, slot: int, selfplay: "SelfPlay", live: "Policy") -> None:
+    def mend(self, slot: int, selfplay: "SelfPlay", live: "Both") -> None:
         """Write slot `slot` again from the checkpoint of that chunk's start: its `live` policies,
-        NumPy leaves [S, A, ...].
+        NumPy leaves [S, ...].
         """
-        self._write(slot, _named(selfplay, lambda role, _: _at(live, role)))
+        self._write(slot, _named(selfplay, lambda role, _: live[role]))
 
     def _write(self, slot: int, arrays: Arrays) -> None:
         try:
@@ -161,7 +162,7 @@ def _named(selfplay: "SelfPlay", policy: Any) -> Arrays:
     }
 
 
-def _at(policy: "Policy", index: int) -> "Policy":
+def _at(policy: "SidePolicy", index: int) -> "SidePolicy":
     return jax.tree.map(lambda leaf: leaf[:, index], policy)
 
 

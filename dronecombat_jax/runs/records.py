@@ -22,11 +22,11 @@ def records(config: Config, report: IterationMetrics, first_iteration: int) -> l
     """One record per iteration and seed, rising; leaves of `report` are NumPy [S, I, ...].
 
     Shares, lengths and returns are of the counted fights that ended in the iteration, those flown
-    from start to end by the same two (`selfplay.tally`), and NaN where none did. What an agent
-    reports of its learning is None where it did not learn.
+    from start to end by the same two (`selfplay.tally`), and NaN where none did. What a learner
+    reports is None where it did not learn.
     """
     seeds, iterations = report.causes.shape[:2]
-    learning = learning_agents(config, report, first_iteration)
+    learning = learning_pupils(config, report, first_iteration)
     return [
         _record(
             config,
@@ -40,9 +40,9 @@ def records(config: Config, report: IterationMetrics, first_iteration: int) -> l
     ]
 
 
-def learning_agents(config: Config, report: IterationMetrics, first_iteration: int) -> np.ndarray:
-    """Which agents learnt, [S, I, A] bool: not a defender that waits, nor a role that was played by
-    its past or by another opponent.
+def learning_pupils(config: Config, report: IterationMetrics, first_iteration: int) -> np.ndarray:
+    """Who learnt, [S, I, L] bool: not a defender that waits, nor a role that was played by its past
+    or by another opponent.
     """
     from dronecombat_jax.selfplay.chunk import waits
 
@@ -51,7 +51,7 @@ def learning_agents(config: Config, report: IterationMetrics, first_iteration: i
     learning &= np.asarray([learns(config, side) for side in range(len(SIDES))])
     iterations = first_iteration + np.arange(frozen.shape[1])
     learning[..., DEFENDER] &= ~np.asarray(waits(config, iterations))  # pyright: ignore[reportArgumentType]
-    return learning
+    return learning[..., [pupil.side for pupil in config.pupils]]
 
 
 def progress_update(
@@ -104,12 +104,19 @@ def _record(
         record[f"crash/{role}"] = _share(crashes[side], episodes)
         record |= {f"reward/{role}/{name}": float(term[side]) for name, term in terms.items()}
         record[f"return/{role}"] = _share(returns[side], episodes)
-        learner = report.learners._asdict().items()
-        record |= {
-            f"{name}/{role}": float(value[side]) if learning[side] else None
-            for name, value in learner
-        }
-    return record | _of_drones(config, report, episodes)
+        own = [index for index, pupil in enumerate(config.pupils) if pupil.side == side]
+        record |= _learnt(role, report, own, learning)
+    return record | _of_drones(config, report, episodes, learning)
+
+
+def _learnt(
+    name: str, report: IterationMetrics, own: list[int], learning: np.ndarray
+) -> dict[str, float | None]:
+    """What the learners `own`, who learn or wait together, report: the mean of them."""
+    return {
+        f"{key}/{name}": float(np.mean(np.asarray(value)[own])) if learning[own[0]] else None
+        for key, value in report.learners._asdict().items()
+    }
 
 
 def _by_side(config: Config, values: Any) -> tuple[Any, Any]:
@@ -120,14 +127,19 @@ def _by_side(config: Config, values: Any) -> tuple[Any, Any]:
     return values[team(sides, DEFENDER)].mean(), values[team(sides, ATTACKER)].mean()
 
 
-def _of_drones(config: Config, report: IterationMetrics, episodes: int) -> dict[str, float]:
-    """What each drone of a team did on its own; empty in a duel."""
+def _of_drones(
+    config: Config, report: IterationMetrics, episodes: int, learning: np.ndarray
+) -> dict[str, float | None]:
+    """What each drone of a team did, and learnt, on its own; empty in a duel."""
     sides = config.game.sides
-    record: dict[str, float] = {}
+    record: dict[str, float | None] = {}
     for drone, (name, side) in enumerate(zip(drone_names(sides), sides, strict=True)):
         if sides.count(side) > 1:
             record[f"crash/{name}"] = _share(report.crashes[drone], episodes)
             record[f"return/{name}"] = _share(report.returns[drone], episodes)
+    for index, pupil in enumerate(config.pupils):
+        if pupil.name not in SIDES:
+            record |= _learnt(pupil.name, report, [index], learning)
     return record
 
 

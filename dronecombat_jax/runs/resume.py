@@ -186,10 +186,11 @@ def brought_up_to_date(state: "TrainState", config: Config) -> "TrainState":
     parameters, selfplay = state.learners.parameters, state.selfplay
     parameters = parameters.replace(log_std=bound(parameters.log_std))
     if selfplay is not None:
+        old: Any = selfplay.pools  # of one policy each: there were no teams yet
         pools = (
             pool
             and pool.replace(policies=pool.policies.replace(log_std=bound(pool.policies.log_std)))
-            for pool in selfplay.pools
+            for pool in old
         )
         selfplay = selfplay.replace(pools=tuple(pools))
     shape = state.env.clock.shape[:1]  # [S]
@@ -221,8 +222,8 @@ def _members(run: RunDirectory, start: Start, roster: Roster) -> list[Arrays]:
     CheckpointError.
     """
     from dronecombat_jax.combat.env import Combat
-    from dronecombat_jax.learn.algorithms import algorithm_of
     from dronecombat_jax.runs.past_players import Players
+    from dronecombat_jax.runs.saved_policies import parameters_of
 
     players = Players(run.checkpoints)
     try:
@@ -233,9 +234,8 @@ def _members(run: RunDirectory, start: Start, roster: Roster) -> list[Arrays]:
         try:
             then = read_start(run, slot * start.config.train.chunk_iterations)
             state = load_state(then, Combat(then.config), pools=False)
-            live = algorithm_of(then.config.learn).policy(state.learners)
             assert state.selfplay is not None
-            players.mend(slot, state.selfplay, live)
+            players.mend(slot, state.selfplay, parameters_of(state.learners, then.config))
         except UserError:
             raise fault from None
         _log.warning(

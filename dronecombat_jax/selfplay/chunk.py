@@ -63,7 +63,8 @@ def init_state(combat: Combat) -> TrainState:
     seeds = jnp.arange(train.seed, train.seed + train.num_seeds, dtype=jnp.uint32)
 
     def init_seed(seed: jax.Array) -> TrainState:
-        keys = jax.random.split(_key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS), NUM_SIDES)
+        key = _key(seed, jnp.zeros((), jnp.int32), Purpose.PARAMETERS)
+        keys = jax.random.split(key, len(combat.config.pupils))
         # One after the other: under vmap jax 0.10.1 on two cores has hung here, in about one start
         # of a hundred.
         learners = jax.lax.map(lambda key: new_learner(key, combat.config), keys)

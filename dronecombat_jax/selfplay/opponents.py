@@ -18,7 +18,8 @@ from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import NOBODY as ALONE
 from dronecombat_jax.config.opponents import Places, Row, live_part, places, table
-from dronecombat_jax.learn.algorithms import ALL, Learners, algorithm_of
+from dronecombat_jax.learn.algorithms import ALL, Learners, live_policy
+from dronecombat_jax.learn.mates import Both, of_drone
 from dronecombat_jax.learn.rollout import (
     Acts,
     Policies,
@@ -26,13 +27,20 @@ from dronecombat_jax.learn.rollout import (
     draw_action,
     policy_step,
     recalled,
-    select,
 )
 from dronecombat_jax.selfplay.pool import FIXED, NOBODY, chunk_rows, member, met, players
-from dronecombat_jax.types import ACTION_SIZE, NUM_SIDES, EnvState, Outcome, Policy, SelfPlay
+from dronecombat_jax.types import (
+    ACTION_SIZE,
+    NUM_SIDES,
+    EnvState,
+    Outcome,
+    Policy,
+    SelfPlay,
+    SidePolicy,
+)
 
 # The frozen policies of a run by their rows' names; NumPy leaves without leading axes.
-Cast = Mapping[str, Policy]
+Cast = Mapping[str, SidePolicy]
 
 
 def counted_rows(config: Config) -> tuple[Row | None, ...]:
@@ -66,9 +74,10 @@ def seats(combat: Combat, learners: Learners, state: SelfPlay | None, cast: Cast
     return tuple(_seat_of_places(combat, drone, learners, state, cast) for drone in drones)
 
 
-def of_drones(config: Config, policies: tuple[Policy, Policy]) -> Policies:
-    """The policies of both sides as those of the drones: team mates fly the same."""
-    return tuple(policies[side] for side in config.game.sides)
+def of_drones(config: Config, policies: Both) -> Policies:
+    """The policies of both sides as those of the drones."""
+    sides = config.game.sides
+    return tuple(of_drone(policies[side], sides, drone) for drone, side in enumerate(sides))
 
 
 def codes(config: Config, state: SelfPlay | None) -> jax.Array:
@@ -137,7 +146,7 @@ def _seat_of_places(
     them.
     """
     config, side = combat.config, combat.config.game.sides[drone]
-    live = algorithm_of(config.learn).policy(select(learners, side))
+    live = of_drone(live_policy(config, learners, side), config.game.sides, drone)
     taken = [place for place in places(config) if place.row is not None and place.row.side == side]
     if not taken:
         return live
@@ -173,7 +182,8 @@ def _sitting(
         pool = state.pools[row.side]
         assert pool is not None
         slots = jnp.maximum(state.opponent[place.first : place.stop], 0)
-        return _drawn(combat.config, member(pool, slots), drone)
+        past = of_drone(member(pool, slots), combat.sides, drone)
+        return _drawn(combat.config, past, drone)
     return _fixed(combat, row, drone, cast)
 
 
@@ -201,7 +211,7 @@ def _fixed(combat: Combat, row: Row, drone: int, cast: Cast) -> Seat:
     if row.scripted:
         pilot = build_pilot(row.scripted, combat.config, combat.scene, row.side, drone)
         return _steady(pilot, drone)
-    policy, learn = cast[row.name], combat.config.learn
+    policy, learn = of_drone(cast[row.name], combat.sides, drone), combat.config.learn
 
     def act(env: EnvState, seen: jax.Array, noise: jax.Array) -> Acts:
         action, recall = policy_step(learn, policy, seen[:, drone], recalled(env, drone))

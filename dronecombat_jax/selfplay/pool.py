@@ -18,17 +18,17 @@ import jax.numpy as jnp
 from dronecombat_jax.config.fields import Config, SelfPlayConfig
 from dronecombat_jax.config.opponents import Row, places, table
 from dronecombat_jax.config.own import chosen
-from dronecombat_jax.learn.algorithms import Learners, algorithm_of
-from dronecombat_jax.learn.rollout import select
+from dronecombat_jax.learn.algorithms import Learners, adopt_policies, live_policy
+from dronecombat_jax.learn.mates import Both
 from dronecombat_jax.selfplay.samplers import GRADES, SAMPLERS, Grade, Members
 from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
     NUM_SIDES,
     Outcome,
-    Policy,
     Pool,
     SelfPlay,
+    SidePolicy,
 )
 
 NOBODY = -1
@@ -49,19 +49,19 @@ def past_roles(config: Config) -> tuple[int, ...]:
 
 def init_selfplay(config: Config, learners: Learners) -> SelfPlay | None:
     """Empty pools with a slot for every chunk; None where no opponent is ever drawn. `learners`
-    leaves [A, ...].
+    leaves [L, ...].
     """
     roles = past_roles(config)
     if not roles and not chunk_rows(config):
         return None
-    slots, policy = config.num_chunks, algorithm_of(config.learn).policy
+    slots = config.num_chunks
 
     def empty(role: int) -> Pool | None:
         if role not in roles:
             return None
         policies = jax.tree.map(
             lambda leaf: jnp.zeros((slots, *leaf.shape), leaf.dtype),
-            policy(select(learners, role)),
+            live_policy(config, learners, role),
         )
         return Pool(policies, wins=jnp.zeros(slots), games=jnp.zeros(slots))
 
@@ -71,24 +71,23 @@ def init_selfplay(config: Config, learners: Learners) -> SelfPlay | None:
 
 
 def save_players(config: Config, state: SelfPlay, learners: Learners, slot: jax.Array) -> SelfPlay:
-    """Save the live players, `learners` leaves [A, ...], in slot `slot` []; the records of wins
+    """Save the live players, `learners` leaves [L, ...], in slot `slot` []; the records of wins
     fade.
 
     They were won by a learner that has moved on since.
     """
-    policy = algorithm_of(config.learn).policy
     pools = []
     for role, pool in enumerate(state.pools):
         if pool is not None:
             put = lambda leaf, new: jax.lax.dynamic_update_index_in_dim(leaf, new, slot, axis=0)
             memory = config.selfplay.memory
-            policies = jax.tree.map(put, pool.policies, policy(select(learners, role)))
+            policies = jax.tree.map(put, pool.policies, live_policy(config, learners, role))
             pool = Pool(policies, wins=memory * pool.wins, games=memory * pool.games)
         pools.append(pool)
     return state.replace(pools=tuple(pools))
 
 
-def member(pool: Pool, slots: jax.Array) -> Policy:
+def member(pool: Pool, slots: jax.Array) -> SidePolicy:
     """The past player in each of `slots` [...]; leaves [..., ...]."""
     return jax.tree.map(lambda leaf: leaf[slots], pool.policies)
 
@@ -189,13 +188,12 @@ def _draw_past(
     return draw(selfplay, pool, chunk + 1, key, shape)
 
 
-def players(config: Config, learners: Learners, state: SelfPlay | None) -> tuple[Policy, Policy]:
+def players(config: Config, learners: Learners, state: SelfPlay | None) -> Both:
     """Who flies: the live policies, and a past one in the frozen role.
 
     A past policy's leaves are [...] where one is met by all, and [N, ...] with scope "environment".
     """
-    policy = algorithm_of(config.learn).policy
-    live = policy(select(learners, DEFENDER)), policy(select(learners, ATTACKER))
+    live = live_policy(config, learners, DEFENDER), live_policy(config, learners, ATTACKER)
     rows = chunk_rows(config)
     if state is None or not rows:
         return live
@@ -215,10 +213,7 @@ def lose_live(config: Config, learners: Learners, state: SelfPlay) -> Learners:
 
     Only the policy is replaced. A critic, for example, stays that of the live player.
     """
-    adopt = algorithm_of(config.learn).adopt
-    flying = players(config, learners, state)
-    replaced = [adopt(select(learners, role), flying[role]) for role in (DEFENDER, ATTACKER)]
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *replaced)
+    return adopt_policies(config, learners, players(config, learners, state))
 
 
 def met(state: SelfPlay | None, num_envs: int) -> jax.Array:

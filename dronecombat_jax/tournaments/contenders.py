@@ -24,12 +24,13 @@ from dronecombat_jax.errors import EXIT_CONFIG, UserError
 from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.manifest import CheckpointError, state_digest
 from dronecombat_jax.files.rundir import RunDirectory, find_run
+from dronecombat_jax.learn.mates import Both
 from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.file import load_policy, tensors_of
 from dronecombat_jax.policies.info import PolicyInfo
 from dronecombat_jax.runs.resume import newest_start
 from dronecombat_jax.runs.saved_policies import policies_in
-from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Policy
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, SidePolicy
 
 SCRIPTED_PREFIX = "scripted:"
 ALL = "all"
@@ -73,7 +74,7 @@ def find(word: str, every: int = 1, untrained: bool = False) -> Found:
     return _run(RunDirectory(find_run(word)), every, untrained)
 
 
-def identity_of(policy: Policy, normalize: bool) -> str:
+def identity_of(policy: SidePolicy, normalize: bool) -> str:
     """sha256 in hex of all that decides how a policy flies."""
     tensors = tensors_of(policy)
     tensors.pop("observation_count")
@@ -84,7 +85,7 @@ def identity_of(policy: Policy, normalize: bool) -> str:
     return hashlib.sha256(f"{state_digest(tensors)} {normalize}".encode()).hexdigest()
 
 
-def _player(policy: Policy, normalize: bool) -> Player:
+def _player(policy: SidePolicy, normalize: bool) -> Player:
     """A policy ready to fly."""
     return Player(identity_of(policy, normalize), policy, normalize)
 
@@ -189,7 +190,7 @@ def _contender(
     step: int,
     index: int,
     role: int,
-    policies: Policy | None,
+    policies: Both | None,
     met: dict[str, Any] | None,
 ) -> Contender:
     """The player of one role and seed (by `index`) after `step` iterations; without `policies` a
@@ -201,7 +202,7 @@ def _contender(
     chunk = step // config.train.chunk_iterations
     player, identity = None, f"missing:{name}:{chunk}"
     if policies is not None:
-        policy = jax.tree.map(lambda leaf: leaf[index, role].copy(), policies)
+        policy = jax.tree.map(lambda leaf: leaf[index].copy(), policies[role])
         player = _player(policy, config.learn.normalize_observations)
         identity = player.identity
     steps = step * config.steps_per_iteration

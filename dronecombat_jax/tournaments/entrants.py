@@ -76,7 +76,8 @@ def read_field(
     notices = _other_games(contenders, config, allow_mismatch)
     for contender in contenders:
         if contender.player is not None:
-            refuse_other_shape(contender.entrant.label, contender.player.pilot, config)
+            label, pilot = contender.entrant.label, contender.player.pilot
+            refuse_other_shape(label, contender.role, pilot, config)
     _refuse_two_of_a_name(contenders)
     seats = _seats(contenders, DEFENDER), _seats(contenders, ATTACKER)
     for role, side in enumerate(seats):

@@ -28,6 +28,7 @@ from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import write_atomic
+from dronecombat_jax.learn.mates import only
 from dronecombat_jax.types import ATTACKER, DEFENDER, FightRecord, Policy
 
 FLIGHTS_NAME = "flights.json"
@@ -86,7 +87,8 @@ def record_flights(
         ):
             continue
         if pair not in known:  # a policy that a chunk did not change flies as before
-            flights = fly((defender.normalize, attacker.normalize), defender.pilot, attacker.pilot)
+            pilots = only(defender.pilot, "a recording"), only(attacker.pilot, "a recording")
+            flights = fly((defender.normalize, attacker.normalize), *pilots)
             known[pair] = flight(jax.device_get(flights), combat.config.control_dt)
         flown.append(_summary(entrant, known[pair]))
     return flown

@@ -147,7 +147,9 @@ def _rate_side(
     players = [_in_its_frame(contender, own) for contender in contenders]
     for contender, player in zip(contenders, players, strict=True):
         label = contender.entrant.label
-        refuse_other_shape(label, player.pilot, combat.config, player.observation)
+        refuse_other_shape(
+            label, SIDES.index(side), player.pilot, combat.config, player.observation
+        )
     rungs = ladder.side(SIDES[1 - SIDES.index(side)])
     opponents = [player for rung in rungs for player in _players(rung.word)]
     score = _fly(combat, side, players, opponents, rules)

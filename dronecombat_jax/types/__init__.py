@@ -2,8 +2,9 @@
 
 Axes, always in this order: S seeds, T time, N environments, A agents. Agents are drones: all
 defenders, then all attackers (`GameConfig.sides`). There are always two sides, 0 the defender's and
-1 the attacker's; learners, pools and tournaments have sides. Where each side has one drone, side
-and agent are the same number. Lengths that depend on A are given for two drones.
+1 the attacker's; pools and tournaments have sides. L are those who learn (`Config.pupils`): sides, or
+drones. Where each side has one drone, all these are the same number. Lengths that depend on A are
+given for two drones.
 What does not live here: settings (`config`) and anything that computes.
 """
 
@@ -39,6 +40,8 @@ from dronecombat_jax.types.learning import (
     Pool,
     Scaler,
     SelfPlay,
+    SidePolicy,
+    TeamPolicy,
     TrainState,
     Transition,
     UpdateMetrics,
@@ -72,7 +75,9 @@ __all__ = [
     "RewardTerms",
     "Scaler",
     "SelfPlay",
+    "SidePolicy",
     "StepOutput",
+    "TeamPolicy",
     "TrainState",
     "Trajectory",
     "Transition",

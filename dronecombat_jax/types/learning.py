@@ -1,6 +1,6 @@
 """Every pytree of learning and self-play."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 from flax import struct
@@ -127,7 +127,7 @@ class IterationMetrics(NamedTuple):
     returns: jax.Array  # [A] sum over counted fights of all their rewards
     diverged: jax.Array  # [] int32, fights whose simulation diverged, counted or not
     reward_terms: RewardTerms  # each [A], mean per step
-    learners: UpdateMetrics  # each [A]
+    learners: UpdateMetrics  # each [L]
     frozen: jax.Array  # [] int32, the role that was played by its past; -1: none
     opponent: jax.Array  # [] mean slot of the past players met; -1: none
     # [R, 3] int32, counted fights by `Outcome` against each row of `selfplay.opponents`, the first
@@ -144,10 +144,19 @@ class Policy(struct.PyTreeNode):
     gru: GRU | None = None  # observation -> what the network sees beside it; None: nothing
 
 
-class Pool(struct.PyTreeNode):
-    """The past policies of one role: slot k holds the agent as it was when chunk k began."""
+class TeamPolicy(struct.PyTreeNode):
+    """The policies of a side whose drones each learnt their own (`learn.mates`); any leading axes."""
 
-    policies: Policy  # each leaf [K, ...]; zeros where the chunk has not begun
+    mates: tuple[Policy, ...]  # in the order of its drones, at least two
+
+
+SidePolicy: TypeAlias = Policy | TeamPolicy  # of all its drones, or of each
+
+
+class Pool(struct.PyTreeNode):
+    """The past policies of one role: slot k holds the side as it was when chunk k began."""
+
+    policies: SidePolicy  # each leaf [K, ...]; zeros where the chunk has not begun
     # [K] fights that the live learner won against this member, ties half; old ones fade
     wins: jax.Array
     games: jax.Array  # [K] fights against this member; old ones fade
@@ -177,7 +186,7 @@ class Flown(struct.PyTreeNode):
 class TrainState(struct.PyTreeNode):
     """A whole training run between iterations; in a program each leaf has a leading axis S."""
 
-    learners: Learner  # each leaf [A, ...]
+    learners: Learner  # each leaf [L, ...]
     env: EnvState  # each leaf [N, ...]
     flown: Flown  # each leaf [N, ...]
     seed: jax.Array  # [] uint32

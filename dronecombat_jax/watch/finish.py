@@ -22,7 +22,7 @@ from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.report.figures import learning_curves
 from dronecombat_jax.report.video import render_fight
 from dronecombat_jax.runs.evaluation import Match, SavedRun, evaluate, flown_by, is_own, load_run
-from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, FightRecord, Policy, Trajectory
+from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, FightRecord, SidePolicy, Trajectory
 from dronecombat_jax.watch.replay import write_replay
 
 RECORDED_FIGHTS = 32
@@ -116,12 +116,14 @@ def record_fights(
 
     who, combat = flown_by(run, seed_index), run.combat
 
-    def team(policy: Policy | None, role: int) -> Team:
+    def team(policy: SidePolicy | None, role: int) -> Team:
         if policy is None:
             return scripted_team(combat, str(who[role]), role)
         return policy_team(run.config, run.config.learn, policy, role)
 
-    def match(defender: Policy | None, attacker: Policy | None, key: jax.Array) -> FightRecord:
+    def match(
+        defender: SidePolicy | None, attacker: SidePolicy | None, key: jax.Array
+    ) -> FightRecord:
         start_key, fight_key = jax.random.split(key)
         teams = team(defender, DEFENDER), team(attacker, ATTACKER)
         return record(combat, *teams, start_fights(combat, start_key, fights), fight_key)

@@ -21,7 +21,7 @@ from dronecombat_jax.policies import shipped
 from dronecombat_jax.runs.evaluation import flown_by, load_run
 from dronecombat_jax.runs.resume import newest_start
 from dronecombat_jax.tournaments.contenders import POLICY_SUFFIX, SCRIPTED_PREFIX, find, identity_of
-from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, Policy
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, SidePolicy
 
 ANCHOR_PRESET = "duel"  # the game of scripted pilots alone
 # who flies where there is no run yet: pilots of the package, or where it holds none scripted ones
@@ -33,7 +33,7 @@ class Flyer(NamedTuple):
     """One side of a recorded fight."""
 
     label: str
-    pilot: Policy | str  # NumPy leaves without leading axes; or the name of a scripted pilot
+    pilot: SidePolicy | str  # NumPy leaves without leading axes; or the name of a scripted pilot
     learn: LearnConfig  # how the policy sees, and the bounds of its log-std
     identity: str  # as of `arena.players.Player`
     environment: dict[str, Any] | None = None  # the game that it was trained in; None: knows any
@@ -262,4 +262,4 @@ def _refuse_other_games(crew: Crew, allowed: bool) -> None:
             more = f"; and {len(lines) - 5} more" if len(lines) > 5 else ""
             message = f"{flyer.label} was trained in another game: {'; '.join(lines[:5])}{more}"
             raise UserError(f"{message}; --allow-env-mismatch lets it fly here", EXIT_DATA)
-        refuse_other_shape(flyer.label, flyer.pilot, crew.config)
+        refuse_other_shape(flyer.label, role, flyer.pilot, crew.config)

@@ -28,7 +28,7 @@ from dronecombat_jax.report.replay_data import Fight
 from dronecombat_jax.report.replay_page import pairs_page
 from dronecombat_jax.report.shown_rules import rules_of
 from dronecombat_jax.tournaments.entrants import Field, read_field
-from dronecombat_jax.types import FightRecord, Policy, Trajectory
+from dronecombat_jax.types import FightRecord, SidePolicy, Trajectory
 from dronecombat_jax.watch.recording import joined
 
 BATCH = 64  # pairs that fly side by side
@@ -78,8 +78,8 @@ def fly_pairs(
     start = start_states(combat, seed, 1)
 
     @partial(jax.jit, static_argnums=0)
-    def fly(normalize: tuple[bool, ...], policies: Sequence[Policy], words: jax.Array) -> Any:
-        def fly_one(both: Sequence[Policy], words: jax.Array) -> FightRecord:
+    def fly(normalize: tuple[bool, ...], policies: Sequence[SidePolicy], words: jax.Array) -> Any:
+        def fly_one(both: Sequence[SidePolicy], words: jax.Array) -> FightRecord:
             learn = [LearnConfig(normalize_observations=scaled) for scaled in normalize]
             teams = [
                 policy_team(combat.config, learn[role], both[role], role, stochastic)

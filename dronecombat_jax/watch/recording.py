@@ -17,7 +17,7 @@ from dronecombat_jax.arena.match import Team, policy_team, record, scripted_team
 from dronecombat_jax.arena.players import content_words
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.fields import LearnConfig
-from dronecombat_jax.types import EnvState, FightRecord, Policy, Trajectory
+from dronecombat_jax.types import EnvState, FightRecord, SidePolicy, Trajectory
 from dronecombat_jax.watch.flyers import Flyer
 
 Record = Callable[[Flyer, Flyer], list[Trajectory]]
@@ -39,7 +39,9 @@ def recorder(combat: Combat, filming: Filming) -> Record:
     seed = jnp.uint32(filming.seed)
 
     @partial(jax.jit, static_argnums=0)
-    def fly(kinds: tuple[Kind, ...], pilots: tuple[Policy | None, ...], words: jax.Array) -> Any:
+    def fly(
+        kinds: tuple[Kind, ...], pilots: tuple[SidePolicy | None, ...], words: jax.Array
+    ) -> Any:
         act = partial(_team, combat, filming.stochastic)
         each = [act(role, *given) for role, given in enumerate(zip(kinds, pilots, strict=True))]
 
@@ -67,7 +69,7 @@ def _team(
     stochastic: bool,
     role: int,
     kind: Kind,
-    policy: Policy | None,
+    policy: SidePolicy | None,
 ) -> Team:
     if isinstance(kind, str):
         return scripted_team(combat, kind, role)

@@ -4,6 +4,7 @@ import numpy as np
 from policies import make_policy
 
 from dronecombat_jax.arena.players import Player, alike, kind_of, stack
+from dronecombat_jax.types import Policy
 
 
 def test_a_gru_and_frames_that_remember_as_much_need_two_programs():
@@ -17,7 +18,7 @@ def test_a_gru_and_frames_that_remember_as_much_need_two_programs():
     assert [kind.memory for kind in kinds] == [35, 35]
     assert [kind.recurrent for kind in kinds] == [True, False]
     together = stack([players[index] for index in groups[0]])
-    assert together is not None and together.gru is not None
+    assert isinstance(together, Policy) and together.gru is not None
     assert np.shape(together.gru.state_weights) == (3, 35, 105)
 
 

@@ -24,6 +24,21 @@ def test_the_memory_estimate_grows_with_seeds_and_counts_the_pool_only_in_self_p
     assert more == 4 * weights * spread.train.num_envs  # each environment holds a policy of its own
 
 
+def test_team_mates_that_learn_a_policy_each_are_so_many_more_learners_and_past_players():
+    team = {"game.defenders": 3, "selfplay.opponents": "defender=past 0.2 of chunks"}
+    shared, own = (
+        settings.load("smoke", team | {"learn.mates": mates}) for mates in ("shared", "own")
+    )
+    seen = 4 * 16 + 3  # of four drones and the target, by 32 and 32 units
+    trunk = (seen + 1) * 32 + 33 * 32
+    policy, value = trunk + 33 * 4 + 4, trunk + 33
+    chunks, kept = 3, 4
+    more = estimates.estimated_bytes(own) - estimates.estimated_bytes(shared)
+    assert more == 4 * 2 * (3 * (policy + value) + chunks * policy)
+    more = estimates.estimated_disk_bytes(own) - estimates.estimated_disk_bytes(shared)
+    assert more == 4 * 2 * (kept * 3 * (policy + value) + chunks * policy)
+
+
 def test_where_memory_and_disk_cannot_be_told_nothing_is_refused(monkeypatch):
     monkeypatch.setattr(preflight, "machine_bytes", lambda: None)
     monkeypatch.setattr(preflight, "free_bytes", lambda path: None)

@@ -9,6 +9,7 @@ import pytest
 from policies import make_info, make_policy, observations
 
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, UserError
+from dronecombat_jax.learn.mates import only
 from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.c_header import TOLERANCE, header_of, save_c
 from dronecombat_jax.policies.file import load_policy, save_policy
@@ -70,7 +71,8 @@ def test_trained_pilots_are_within_a_millionth_of_numpy_in_double_precision(
 ):
     """10,000 observations about what they have seen. NumPy's own float32 is not so near (2e-6)."""
     (file,) = shipped.paths(name)
-    policy, info = load_policy(file)
+    saved, info = load_policy(file)
+    policy = only(saved, "a header")
     program = compiled(tmp_path, header_of(policy, info))
     scaler, random = policy.observation_scaler, np.random.default_rng(0)
     spread = np.sqrt(np.asarray(scaler.variance))

@@ -9,6 +9,7 @@ import pytest
 from policies import SIZES, make_info, make_policy
 
 from dronecombat_jax.config.fields import Config, SimConfig
+from dronecombat_jax.learn.mates import only
 from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.c_header import TESTS, TOLERANCE, header_of
 from dronecombat_jax.policies.file import load_policy
@@ -26,7 +27,8 @@ OBSERVATIONS = 16
 def pilot() -> tuple[str, np.ndarray, np.ndarray]:
     """A shipped pilot's header, observations [N, 35] about what it has seen, exact actions."""
     (file,) = shipped.paths("ippo-attacker-34")
-    policy, info = load_policy(file)
+    saved, info = load_policy(file)
+    policy = only(saved, "a header")
     scaler, random = policy.observation_scaler, np.random.default_rng(1)
     spread = np.sqrt(np.asarray(scaler.variance))
     seen = np.asarray(scaler.mean) + spread * random.normal(size=(OBSERVATIONS, len(spread)))

@@ -20,6 +20,7 @@ from dronecombat_jax.config.fields import Config, GameConfig, LearnConfig, SimCo
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, EXIT_DATA, UserError
 from dronecombat_jax.files import tensorfile
 from dronecombat_jax.files.tensorfile import PolicyError
+from dronecombat_jax.learn.mates import only
 from dronecombat_jax.learn.rollout import policy_mean
 from dronecombat_jax.policies.file import (
     load_policy,
@@ -161,8 +162,8 @@ def test_arrays_that_cannot_fly(path, tensors, words):
         ({"format": None}, "no policy of dronecombat"),
         ({"format": "pt"}, "no policy of dronecombat"),
         (
-            {"format_version": "3"},
-            "it has format 3, this version reads up to 2: upgrade dronecombat-jax",
+            {"format_version": "4"},
+            "it has format 4, this version reads up to 3: upgrade dronecombat-jax",
         ),
         ({"format_version": "2"}, "metadata memory is missing: expected frames"),
         ({"format_version": "2", "memory": "none"}, "metadata memory is none: expected frames"),
@@ -292,7 +293,7 @@ def test_a_file_of_format_1_still_flies():
     seen = np.linspace(-20.0, 20.0, 35).astype(np.float32)
     expected = slow_mean(tensors_of(loaded.policy), seen)
     assert NumpyPolicy(GOLDEN)(seen) == pytest.approx(expected, abs=1e-6)
-    assert np.asarray(policy_mean(LearnConfig(), loaded.policy, seen)) == pytest.approx(
+    assert np.asarray(policy_mean(LearnConfig(), only(loaded.policy, "it"), seen)) == pytest.approx(
         expected, abs=1e-6
     )
     assert expected == pytest.approx(EXPECTED, abs=1e-9)

@@ -79,6 +79,7 @@ def test_the_file_holds_the_policy_that_was_asked_for(run, here, capsys, role, a
     line = f"out.safetensors: {role} of two-seeds, seed 6, chunk 1 (96 environment steps), network 35-8-6-4"
     assert capsys.readouterr().out.startswith(line)
     policy, info = load_policy(here / "out.safetensors")
+    assert isinstance(policy, Policy)
     wanted = policy_of(jax.tree.map(lambda leaf: leaf[1, agent], run.states[2].learners))
     for ours, saved in zip(jax.tree.leaves(wanted), jax.tree.leaves(policy), strict=True):
         assert np.asarray(ours).tobytes() == saved.tobytes() and np.shape(ours) == saved.shape
@@ -108,8 +109,10 @@ def test_file_and_run_draw_with_the_log_std_that_was_flown(here, case):
     run = begun(here / "run", config, (0, 2), log_std=parameter)
     assert export(run, "--role", "defender", "--seed", "6", "out.safetensors") == 0
     policy, _ = load_policy(here / "out.safetensors")
+    live = policies(load_run(run.path), 1)[0]
+    assert isinstance(policy, Policy) and isinstance(live, Policy)
     np.testing.assert_array_equal(policy.log_std, np.float32(flown))
-    np.testing.assert_array_equal(policies(load_run(run.path), 1)[0].log_std, np.float32(flown))
+    np.testing.assert_array_equal(live.log_std, np.float32(flown))
     of_run = find(str(run.path)).contenders[2]
     of_file = find("out.safetensors").contenders[0]
     assert (of_run.role, of_run.entrant.seed) == (of_file.role, of_file.entrant.seed) == (0, 6)

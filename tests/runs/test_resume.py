@@ -47,6 +47,7 @@ METHODS = {
         selfplay=SelfPlayConfig(probability=0.5, roles="both"),
     ),
 }
+METHODS["mates"] = replace(METHODS["teams"], learn=replace(CONFIG.learn, mates="own"))
 METHODS["memory"] = replace(
     METHODS["teams"], learn=replace(CONFIG.learn, memory="gru", memory_size=6)
 )

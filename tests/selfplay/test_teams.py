@@ -92,8 +92,8 @@ def test_a_round_robin_flies_teams_as_match_does(run: SimpleNamespace):
     time.
     """
     combat, rules = run.program.combat, Rules(2, seed=3, stochastic=True)
-    each = policies_of(run.states[-1].learners, TEAMS.learn)
-    pick = lambda side: jax.tree.map(lambda leaf: np.asarray(leaf)[0, side], each)
+    each = policies_of(run.states[-1].learners, TEAMS)
+    pick = lambda side: jax.tree.map(lambda leaf: np.asarray(leaf)[0], each[side])
     scripted = [Player(name, name) for name in ("hover", "assigned_navigation")]
     defenders = [Player("d", pick(DEFENDER)), *scripted]
     attackers = [Player("a", pick(ATTACKER))]

@@ -12,6 +12,7 @@ from dronecombat_jax.arena.round_robin import play
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import build_pilot
 from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.learn.mates import only
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause
 
 
@@ -65,7 +66,7 @@ def one_by_one(
     def pilot(one: Player, role: int):
         if isinstance(one.pilot, str):
             return build_pilot(one.pilot, config, combat.scene, role)
-        return policy_pilot(learn, one.pilot, role, rules.stochastic)
+        return policy_pilot(learn, only(one.pilot, "a duel"), role, rules.stochastic)
 
     def single(start, key, defender, attacker):
         return fight(combat, pilot(defender, DEFENDER), pilot(attacker, ATTACKER), start, key)

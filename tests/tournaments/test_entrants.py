@@ -102,7 +102,7 @@ def test_the_policies_are_those_of_the_checkpoint(home: Path):
         load_run(home / "ten", chunk=7), RunDirectory(home / "ten"), "attacker", None
     )
     player = field.seats[ATTACKER][6].player
-    assert player is not None and isinstance(player.pilot, Policy)
+    assert player is not None and isinstance(player.pilot, Policy) and isinstance(saved, Policy)
     flown = player.pilot
     for mine, theirs in zip(flown.network.weights, saved.network.weights, strict=True):
         np.testing.assert_array_equal(mine, theirs)

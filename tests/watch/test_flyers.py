@@ -19,7 +19,7 @@ from dronecombat_jax.config.fields import Config, SensorConfig
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.policies.file import save_policy
-from dronecombat_jax.types import SIDES
+from dronecombat_jax.types import SIDES, Policy
 from dronecombat_jax.watch.flyers import Named, chunks_along, last_run, of_run, read_crew
 
 
@@ -74,7 +74,7 @@ def test_a_runs_policy_is_that_of_its_checkpoint(home: Path):
     weights = [
         np.asarray(flyer.pilot.network.weights[0])
         for flyer in flyers
-        if not isinstance(flyer.pilot, str)
+        if isinstance(flyer.pilot, Policy)
     ]
     assert (
         not np.array_equal(weights[0], weights[1])

@@ -209,6 +209,12 @@ class TrainConfig:
         low=0,
         high=10**12,
     )
+    lead_limit: float = setting(
+        1.0,
+        "a side that wins more than this share of an iteration's fights does not learn from it, while the other side does (1: it always learns)",
+        low=0.5,
+        high=1.0,
+    )
     solo_share: float = setting(
         0.0,
         "share of the environments in which the attacker flies alone; they teach the attacker only, and are not counted",

@@ -42,15 +42,17 @@ def records(config: Config, report: IterationMetrics, first_iteration: int) -> l
 
 def learning_pupils(config: Config, report: IterationMetrics, first_iteration: int) -> np.ndarray:
     """Who learnt, [S, I, L] bool: not a defender that waits, nor a role that was played by its past
-    or by another opponent.
+    or by another opponent, nor a side too far ahead.
     """
-    from dronecombat_jax.selfplay.chunk import waits
+    from dronecombat_jax.selfplay.chunk import rests, waits
 
     frozen = np.asarray(report.frozen)  # [S, I]
     learning = np.arange(len(SIDES)) != frozen[..., None]
     learning &= np.asarray([learns(config, side) for side in range(len(SIDES))])
     iterations = first_iteration + np.arange(frozen.shape[1])
     learning[..., DEFENDER] &= ~np.asarray(waits(config, iterations))  # pyright: ignore[reportArgumentType]
+    if config.train.lead_limit < 1.0:
+        learning &= ~np.asarray(rests(config, np.asarray(report.causes), learning))
     return learning[..., [pupil.side for pupil in config.pupils]]
 
 

@@ -13,10 +13,13 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.games import game_of
+from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.opponents import learns
 from dronecombat_jax.learn.algorithms import learn_from, new_learner, without
 from dronecombat_jax.learn.memory import recall_size, with_recall
 from dronecombat_jax.learn.rollout import Policies, collect
@@ -32,17 +35,20 @@ from dronecombat_jax.selfplay.pool import (
     players,
     save_players,
 )
-from dronecombat_jax.selfplay.summary import count_fights, summarize
+from dronecombat_jax.selfplay.summary import count_causes, count_fights, summarize
 from dronecombat_jax.types import (
+    ATTACKER,
     DEFENDER,
     NUM_SIDES,
     EnvState,
     IterationMetrics,
+    Outcome,
     TrainState,
     Transition,
 )
 
 NO_CAST: opponents.Cast = {}
+Array = jax.Array | np.ndarray
 
 
 class Purpose(IntEnum):
@@ -150,10 +156,16 @@ def advance_iteration(
     config = combat.config
     state = begin_chunk(combat, state)
     env, rollout = _collect(combat, state, cast)
+    flown, at_each_step = tally.follow(
+        state.flown, rollout, opponents.codes(config, state.selfplay)
+    )
     shuffle = _key(state.seed, state.iteration, Purpose.SHUFFLE)
     learning = jnp.stack([~waits(config, state.iteration), jnp.ones((), bool)])
     if state.selfplay is not None:
         learning &= jnp.arange(NUM_SIDES) != state.selfplay.frozen
+    if config.train.lead_limit < 1.0:
+        causes = count_causes(*without(config.solo_envs, (rollout, at_each_step)))
+        learning &= ~rests(config, causes, learning)
     learners, updates = learn_from(
         config.learn,
         state.learners,
@@ -162,9 +174,6 @@ def advance_iteration(
         learning,
         opponents.parts(config),
         config.game.sides,
-    )
-    flown, at_each_step = tally.follow(
-        state.flown, rollout, opponents.codes(config, state.selfplay)
     )
     selfplay, met = count_fights(config, state.selfplay, rollout, at_each_step)
     rollout, at_each_step = without(config.solo_envs, (rollout, at_each_step))
@@ -210,6 +219,24 @@ def waits(config: Config, iteration: jax.Array) -> jax.Array:
     """
     head_start = config.head_start_chunks * config.train.chunk_iterations
     return (iteration < head_start) | (not game_of(config).flies[DEFENDER])
+
+
+def rests(config: Config, causes: Array, learning: Array) -> Array:
+    """Which sides do not learn since they are too far ahead, [..., 2] bool, while the other side is
+    `learning` [..., 2] (`train.lead_limit`); `causes` [..., len(Cause)] of an iteration's fights.
+
+    Arrays of JAX or of NumPy.
+    """
+    table = outcome_table(config.game)
+    limit = config.train.lead_limit * causes.sum(axis=-1)
+    won = {
+        side: sum(causes[..., cause] for cause, who in enumerate(table) if who == outcome)
+        for side, outcome in ((DEFENDER, Outcome.DEFENDER), (ATTACKER, Outcome.ATTACKER))
+    }
+    behind = learning & np.asarray([learns(config, side) for side in (DEFENDER, ATTACKER)])
+    ahead = [(won[side] > limit) & behind[..., 1 - side] for side in (DEFENDER, ATTACKER)]
+    stack = jnp.stack if isinstance(causes, jax.Array) else np.stack
+    return stack(ahead, axis=-1)
 
 
 def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvState:

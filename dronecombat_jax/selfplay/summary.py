@@ -39,6 +39,14 @@ def count_fights(
     return selfplay, met
 
 
+def count_causes(rollout: Transition, flown: Flown) -> jax.Array:
+    """How the fights of a `rollout` that count ended, `flown` [T, N]: [len(Cause)] int32."""
+    counted = tally.counted(flown, rollout)
+    return jnp.sum(
+        jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * counted[..., None], axis=(0, 1)
+    )
+
+
 def summarize(
     config: Config,
     rollout: Transition,
@@ -51,11 +59,8 @@ def summarize(
     """
     counted = tally.counted(flown, rollout)
     down = rollout.down & ~game_of(config).absent(config.game.sides)
-    causes = jnp.sum(
-        jax.nn.one_hot(rollout.cause, len(Cause), dtype=jnp.int32) * counted[..., None], axis=(0, 1)
-    )
     return IterationMetrics(
-        causes=causes,
+        causes=count_causes(rollout, flown),
         crashes=jnp.sum(down & counted[..., None], axis=(0, 1), dtype=jnp.int32),
         episode_steps=jnp.sum(flown.steps * counted, dtype=jnp.int32),
         returns=jnp.sum(flown.returns * counted[..., None], axis=(0, 1)),

@@ -16,7 +16,7 @@ from dronecombat_jax.arena.match import policy_team
 from dronecombat_jax.config.fields import Config, SelfPlayConfig
 from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.rundir import RunDirectory
-from dronecombat_jax.learn.algorithms import learn_from
+from dronecombat_jax.learn.algorithms import learn_from, live_policy
 from dronecombat_jax.learn.rollout import act, collect
 from dronecombat_jax.runs.guards import SKIPPED_ITERATIONS, Watch
 from dronecombat_jax.runs.past_players import Players, filled_slots
@@ -205,3 +205,38 @@ def test_one_drone_a_side_has_the_very_same_program(probability: float):
         advance = jax.jit(build_advance(combat, 1)).lower(shapes)
         texts.append((start.lower().as_text(), advance.as_text()))
     assert texts[0] == texts[1]
+
+
+FROZEN = "defender=team.safetensors"
+TOGETHER: dict[str, Any] = {
+    "a central critic, a GRU and a table": (
+        {"critic": "central", "memory": "gru", "memory_size": 6},
+        "world",
+        {"opponents": f"defender=past 0.25, {FROZEN} 0.25, defender=scripted:hover 0.25"},
+    ),
+    "the mean of others and a live player that is lost": (
+        {"others": "mean", "others_size": 4},
+        "nearest",
+        {"probability": 0.5, "restore_live": False},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", TOGETHER)
+def test_an_iteration_keeps_its_states_shapes_together_with(case: str):
+    learn, observation, selfplay = TOGETHER[case]
+    config = replace(
+        OWN,
+        learn=replace(OWN.learn, **learn),
+        game=replace(OWN.game, observation=observation),
+        selfplay=SelfPlayConfig(**selfplay),
+    )
+    combat = Coasting(config)
+    before = jax.eval_shape(lambda: init_state(combat))
+    of_seed = jax.tree.map(lambda leaf: np.zeros(leaf.shape[1:], leaf.dtype), before.learners)
+    cast = {FROZEN: live_policy(config, of_seed, DEFENDER)}
+    after, report = jax.eval_shape(build_advance(combat, 1, cast=cast), before)
+    assert jax.tree.structure(before) == jax.tree.structure(after)
+    for old, new in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
+        assert (old.shape, old.dtype) == (new.shape, new.dtype)
+    assert report.learners.kl.shape == (1, 1, 3) and isinstance(cast[FROZEN], TeamPolicy)

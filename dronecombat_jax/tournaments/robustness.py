@@ -219,7 +219,7 @@ def _flown_in(before: TournamentResult, entrants: Sequence[Any]) -> NDArray[np.b
         for of, side in zip(known, entrants, strict=True)
     ]
     entered = (places[DEFENDER] >= 0)[:, None] & (places[ATTACKER] >= 0)
-    return entered & before.played[np.ix_(*places)]
+    return entered & before.played[places[DEFENDER][:, None], places[ATTACKER]]
 
 
 def _report(

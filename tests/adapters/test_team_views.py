@@ -125,6 +125,7 @@ def test_named_opponents_fly_whole_teams(combat: Coasting):
     assert not np.allclose(answer[:, 0], answer[:, 1])
 
 
+@pytest.mark.slow
 def test_the_checker_finds_nothing_in_a_view_of_a_team(combat: Coasting):
     check(CombatVectorEnv(combat, DEFENDER, "scripted:dash", 4), steps=100)
     check(wrap(CombatEnv(combat, DEFENDER, crew(1)), LENGTH), steps=100)

@@ -194,7 +194,7 @@ def test_actions_change_places_with_policies_and_drones():
     assert not np.allclose(plain, matched(one, one, seen=seen))
 
 
-@pytest.mark.parametrize("probability", [0.0, 1.0])
+@pytest.mark.parametrize("probability", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_one_drone_a_side_has_the_very_same_program(probability: float):
     texts = []
     for mates in ("shared", "own"):
@@ -222,6 +222,7 @@ TOGETHER: dict[str, Any] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", TOGETHER)
 def test_an_iteration_keeps_its_states_shapes_together_with(case: str):
     learn, observation, selfplay = TOGETHER[case]

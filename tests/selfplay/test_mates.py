@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from policies import make_policy
-from toy import CHUNK, CONFIG, UNOPTIMISED, Coasting, agent, assert_same_bits, build, differs
+from toy import CHUNK, CONFIG, UNOPTIMISED, Coasting, agent, assert_same_bits, differs, two_chunks
 
 from dronecombat_jax.arena.match import policy_team
 from dronecombat_jax.config.fields import Config, SelfPlayConfig
@@ -49,13 +49,7 @@ OWN = with_mates(
 @pytest.fixture(scope="module")
 def run() -> SimpleNamespace:
     """Two chunks of two defenders, a policy each, against one; in the second, past teams defend."""
-    program = build(OWN, 1)
-    states, reports = [program.start], []
-    for _ in range(2 * CHUNK):
-        state, report = program.run(states[-1])
-        states.append(state)
-        reports.append(jax.device_get(report))
-    return SimpleNamespace(program=program, states=states, reports=reports)
+    return two_chunks(OWN)
 
 
 def test_each_mate_begins_and_learns_on_its_own_and_sharers_are_one(run: SimpleNamespace):

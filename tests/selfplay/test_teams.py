@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from toy import CHUNK, CONFIG, agent, build, differs
+from toy import CHUNK, CONFIG, agent, build, differs, two_chunks
 
 from dronecombat_jax.arena.lanes import fight_key, start_states
 from dronecombat_jax.arena.match import fight, policy_team, scripted_team
@@ -35,13 +35,7 @@ TEAMS = replace(
 @pytest.fixture(scope="module")
 def run() -> SimpleNamespace:
     """Two chunks of two against one; in the second, one side is a past player."""
-    program = build(TEAMS, 1)
-    states, reports = [program.start], []
-    for _ in range(2 * CHUNK):
-        state, report = program.run(states[-1])
-        states.append(state)
-        reports.append(jax.device_get(report))
-    return SimpleNamespace(program=program, states=states, reports=reports)
+    return two_chunks(TEAMS)
 
 
 def test_both_sides_learn_something_finite(run: SimpleNamespace):

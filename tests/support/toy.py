@@ -65,6 +65,19 @@ def build(config: Config, iterations: int, cast: Cast | None = None) -> SimpleNa
         )
 
 
+def two_chunks(config: Config) -> SimpleNamespace:
+    """The program of `build`, one iteration a call, the states before and after each iteration of two
+    chunks, and what each reported, NumPy leaves.
+    """
+    program = build(config, 1)
+    states, reports = [program.start], []
+    for _ in range(2 * CHUNK):
+        state, report = program.run(states[-1])
+        states.append(state)
+        reports.append(jax.device_get(report))
+    return SimpleNamespace(program=program, states=states, reports=reports)
+
+
 def _checked(program):
     """Every call under the check that no random key is used twice."""
 

@@ -11,6 +11,8 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+from dronecombat_jax.files.atomic import write_atomic
+
 NOT_OF_THE_GAME = ("run.", "train.seed", "train.num_seeds")
 
 
@@ -27,12 +29,15 @@ def settings_of(preset: str, settings: dict[str, Any], steps: int) -> dict[str, 
 
 
 class Kept:
-    """The lines of one study."""
+    """The lines of one study. SystemExit, one line, for a file that cannot be read."""
 
     def __init__(self, study: Path):
         self.path = study.with_suffix(".jsonl")
-        text = self.path.read_text(encoding="utf-8") if self.path.exists() else ""
-        self._lines: list[dict[str, Any]] = [json.loads(line) for line in text.splitlines()]
+        try:
+            text = self.path.read_text(encoding="utf-8") if self.path.exists() else ""
+            self._lines: list[dict[str, Any]] = [json.loads(line) for line in text.splitlines()]
+        except (OSError, ValueError) as error:
+            raise SystemExit(f"{self.path}: {error}") from None
 
     def find(self, variant: str, seed: int, settings: dict[str, Any]) -> dict[str, Any] | None:
         """The measures of a run; None where none is kept, or of other settings."""
@@ -45,15 +50,16 @@ class Kept:
         self, variant: str, seed: int, settings: dict[str, Any], numbers: dict[str, Any]
     ) -> None:
         """Enter a run; one of the same variant and seed gives way to it."""
-        line = {"variant": variant, "seed": seed, "settings": settings, **_maker()}
-        others = [
-            line for line in self._lines if (line["variant"], line["seed"]) != (variant, seed)
-        ]
-        self._lines = sorted(
-            [*others, {**line, "measured": numbers}],
-            key=lambda line: (line["variant"], line["seed"]),
-        )
-        self.path.write_text("".join(json.dumps(line) + "\n" for line in self._lines))
+        of = lambda line: (line["variant"], line["seed"])
+        new = {
+            "variant": variant,
+            "seed": seed,
+            "settings": settings,
+            **_maker(),
+            "measured": numbers,
+        }
+        self._lines = sorted([*(line for line in self._lines if of(line) != of(new)), new], key=of)
+        write_atomic(self.path, "".join(json.dumps(line) + "\n" for line in self._lines))
 
 
 def _maker() -> dict[str, str]:

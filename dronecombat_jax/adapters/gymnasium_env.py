@@ -5,9 +5,9 @@
     fight = CombatEnv(combat, "defender", ["scripted:dash", "scripted:weave"])
 
 The learner flies all drones of its side: of a team of M, observations are [35 M] and actions [4 M],
-one drone's after the other's, and the reward is the mean of the team's. All fights of a vector environment are flown in one jitted call, and its results are copied to NumPy
-once a step. Fight i of seed s is the same however many fights there are, and `CombatEnv` flies fight
-0. Infos have `cause` (a `Cause`), `outcome` (1 won, 0 tied, -1 lost) and `is_success` of the fights
+one drone's after the other's, and the reward is the mean of the team's. All fights of a vector
+environment are flown in one jitted call, and its results are copied to NumPy once a step. Fight i of
+seed s is the same however many fights there are, and `CombatEnv` flies fight 0. Infos have `cause` (a `Cause`), `outcome` (1 won, 0 tied, -1 lost) and `is_success` of the fights
 that ended. What does not live here: the game (`combat`), starts and opponents (`one_side`).
 """
 

@@ -1,7 +1,8 @@
 """One side of a fight for a learner, the other flown by an opponent: pure functions of one fight.
 
-A learner flies its whole side: of a team, all drones at once. In here: the fight with its key and its opponent, and how it begins, goes on and begins anew. Not in
-here: any library's protocol (`gymnasium_env`), who the opponents are (`opponents`).
+A learner flies its whole side: of a team, all drones at once. In here: the fight with its key and
+its opponent, and how it begins, goes on and begins anew. Not in here: any library's protocol
+(`gymnasium_env`), who the opponents are (`opponents`).
 """
 
 from typing import TypeVar

@@ -52,7 +52,7 @@ def learning_pupils(config: Config, report: IterationMetrics, first_iteration: i
     iterations = first_iteration + np.arange(frozen.shape[1])
     learning[..., DEFENDER] &= ~np.asarray(waits(config, iterations))  # pyright: ignore[reportArgumentType]
     if config.train.lead_limit < 1.0:
-        learning &= ~np.asarray(rests(config, np.asarray(report.causes), learning))
+        learning &= ~np.asarray(rests(config, report.causes, learning))  # pyright: ignore[reportArgumentType]
     return learning[..., [pupil.side for pupil in config.pupils]]
 
 

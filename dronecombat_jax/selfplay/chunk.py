@@ -13,7 +13,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.games import game_of
@@ -48,7 +47,6 @@ from dronecombat_jax.types import (
 )
 
 NO_CAST: opponents.Cast = {}
-Array = jax.Array | np.ndarray
 
 
 class Purpose(IntEnum):
@@ -163,9 +161,9 @@ def advance_iteration(
     learning = jnp.stack([~waits(config, state.iteration), jnp.ones((), bool)])
     if state.selfplay is not None:
         learning &= jnp.arange(NUM_SIDES) != state.selfplay.frozen
+    together, at_their_steps = without(config.solo_envs, (rollout, at_each_step))
     if config.train.lead_limit < 1.0:
-        causes = count_causes(*without(config.solo_envs, (rollout, at_each_step)))
-        learning &= ~rests(config, causes, learning)
+        learning &= ~rests(config, count_causes(together, at_their_steps), learning)
     learners, updates = learn_from(
         config.learn,
         state.learners,
@@ -176,8 +174,7 @@ def advance_iteration(
         config.game.sides,
     )
     selfplay, met = count_fights(config, state.selfplay, rollout, at_each_step)
-    rollout, at_each_step = without(config.solo_envs, (rollout, at_each_step))
-    metrics = summarize(config, rollout, at_each_step, updates, selfplay)._replace(met=met)
+    metrics = summarize(config, together, at_their_steps, updates, selfplay)._replace(met=met)
     state = state.replace(learners=learners, env=env, flown=flown, selfplay=selfplay)
     return state.replace(iteration=state.iteration + 1), metrics
 
@@ -221,22 +218,17 @@ def waits(config: Config, iteration: jax.Array) -> jax.Array:
     return (iteration < head_start) | (not game_of(config).flies[DEFENDER])
 
 
-def rests(config: Config, causes: Array, learning: Array) -> Array:
+def rests(config: Config, causes: jax.Array, learning: jax.Array) -> jax.Array:
     """Which sides do not learn since they are too far ahead, [..., 2] bool, while the other side is
-    `learning` [..., 2] (`train.lead_limit`); `causes` [..., len(Cause)] of an iteration's fights.
-
-    Arrays of JAX or of NumPy.
+    `learning` [..., 2] (`train.lead_limit`); `causes` [..., len(Cause)] int32 of an iteration's fights.
     """
-    table = outcome_table(config.game)
-    limit = config.train.lead_limit * causes.sum(axis=-1)
-    won = {
-        side: sum(causes[..., cause] for cause, who in enumerate(table) if who == outcome)
-        for side, outcome in ((DEFENDER, Outcome.DEFENDER), (ATTACKER, Outcome.ATTACKER))
-    }
-    behind = learning & np.asarray([learns(config, side) for side in (DEFENDER, ATTACKER)])
-    ahead = [(won[side] > limit) & behind[..., 1 - side] for side in (DEFENDER, ATTACKER)]
-    stack = jnp.stack if isinstance(causes, jax.Array) else np.stack
-    return stack(ahead, axis=-1)
+    causes, learning = jnp.asarray(causes), jnp.asarray(learning)  # one rounding, also for records
+    winners = jnp.asarray(outcome_table(config.game))
+    sides = ((DEFENDER, Outcome.DEFENDER), (ATTACKER, Outcome.ATTACKER))
+    limit = config.train.lead_limit * jnp.sum(causes, axis=-1)
+    ahead = [jnp.sum(causes, axis=-1, where=winners == outcome) > limit for _, outcome in sides]
+    behind = [learning[..., 1 - side] & learns(config, 1 - side) for side, _ in sides]
+    return jnp.stack(ahead, axis=-1) & jnp.stack(behind, axis=-1)
 
 
 def reset_fights(combat: Combat, seed: jax.Array, iteration: jax.Array) -> EnvState:

@@ -215,11 +215,11 @@ def _flown_in(before: TournamentResult, entrants: Sequence[Any]) -> NDArray[np.b
     sides = before.defenders, before.attackers
     known = [{entrant.identity: i for i, entrant in enumerate(side)} for side in sides]
     places = [
-        np.asarray([of.get(entrant.identity, -1) for entrant in side])
+        np.asarray([of.get(entrant.identity, -1) for entrant in side], np.intp)
         for of, side in zip(known, entrants, strict=True)
     ]
     entered = (places[DEFENDER] >= 0)[:, None] & (places[ATTACKER] >= 0)
-    return entered & before.played[places[DEFENDER][:, None], places[ATTACKER]]
+    return entered & before.played[np.ix_(*places)]
 
 
 def _report(

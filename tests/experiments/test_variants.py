@@ -136,6 +136,9 @@ def test_what_runs_came_to_is_kept_beside_the_study_for_the_same_settings(tmp_pa
     assert again.find("other", 5, other.changed) == {"fights": False}
     longer = other._replace(steps=18_000)
     assert again.find("other", 5, longer.changed) is None
+    (tmp_path / "mine.jsonl").write_text("{half a line")
+    with pytest.raises(SystemExit, match=r"mine\.jsonl: "):
+        Kept(study)
     assert other.changed["learn.hidden_sizes"] == [8, 16] and "train.seed" not in other.changed
 
 

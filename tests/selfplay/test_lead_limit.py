@@ -38,6 +38,8 @@ def test_who_rests():
     assert who(REACHED=8, INTERCEPT=2) == [False, True]
     assert who(REACHED=2, INTERCEPT=6, ATTACKER_CRASH=2) == [True, False]
     assert who(REACHED=3, INTERCEPT=1) == [False, False]  # exactly the limit
+    # in double precision 0.57 * 100 is below 57: the record would say what the program did not do
+    assert who(config=limited(0.57), REACHED=57, TIMEOUT=43) == [False, False]
     assert who(REACHED=7, TIMEOUT=3) == [False, False]  # a tie is nobody's
     assert who() == [False, False]
     assert who(np.asarray([False, True]), REACHED=9) == [False, False]  # the other waits itself

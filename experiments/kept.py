@@ -33,9 +33,12 @@ class Kept:
 
     def __init__(self, study: Path):
         self.path = study.with_suffix(".jsonl")
+        self._lines = self._read()
+
+    def _read(self) -> list[dict[str, Any]]:
         try:
             text = self.path.read_text(encoding="utf-8") if self.path.exists() else ""
-            self._lines: list[dict[str, Any]] = [json.loads(line) for line in text.splitlines()]
+            return [json.loads(line) for line in text.splitlines()]
         except (OSError, ValueError) as error:
             raise SystemExit(f"{self.path}: {error}") from None
 
@@ -49,7 +52,9 @@ class Kept:
     def keep(
         self, variant: str, seed: int, settings: dict[str, Any], numbers: dict[str, Any]
     ) -> None:
-        """Enter a run; one of the same variant and seed gives way to it."""
+        """Enter a run; one of the same variant and seed gives way to it. What another process has
+        entered meanwhile stays.
+        """
         of = lambda line: (line["variant"], line["seed"])
         new = {
             "variant": variant,
@@ -58,7 +63,8 @@ class Kept:
             **_maker(),
             "measured": numbers,
         }
-        self._lines = sorted([*(line for line in self._lines if of(line) != of(new)), new], key=of)
+        others = (line for line in self._read() if of(line) != of(new))
+        self._lines = sorted([*others, new], key=of)
         write_atomic(self.path, "".join(json.dumps(line) + "\n" for line in self._lines))
 
 

@@ -142,6 +142,15 @@ def test_what_runs_came_to_is_kept_beside_the_study_for_the_same_settings(tmp_pa
     assert other.changed["learn.hidden_sizes"] == [8, 16] and "train.seed" not in other.changed
 
 
+def test_two_writers_of_one_study_keep_each_others_runs(tmp_path):
+    study = tmp_path / "mine.toml"
+    one, other = Kept(study), Kept(study)
+    one.keep("plain", 3, {}, {"steps": 1})
+    other.keep("plain", 4, {}, {"steps": 2})
+    assert Kept(study).find("plain", 3, {}) == {"steps": 1}
+    assert Kept(study).find("plain", 4, {}) == {"steps": 2}
+
+
 def test_the_table_tells_worst_and_best_seed():
     def run(share: float, start: int | None) -> dict:
         return {

@@ -13,7 +13,7 @@ from dronecombat_jax.combat.observe import observation_of, refuse_unfit, whole_o
 from dronecombat_jax.combat.reward import total
 from dronecombat_jax.combat.rules import detect, forfeit, struck_out, timeout_decides
 from dronecombat_jax.combat.sensors import first_memory, refuse_unlimited, remembered, see
-from dronecombat_jax.combat.starts import start_positions
+from dronecombat_jax.combat.starts import start_anywhere, start_positions
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.sides import DUEL, spelt
 from dronecombat_jax.errors import UserError
@@ -90,9 +90,13 @@ class Combat:
         return self.start_numbers(key, shape)
 
     def exploring_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
-        """The same for `explore`: 4 more at the end, where exploring starts are on."""
-        moving = self.config.train.start_speed > 0.0
-        return self._numbers(key, shape, self._position_numbers + moving * 2 * len(self.sides))
+        """The same for `explore`: 2 more for each drone at the end where drones start moving, then 1
+        and 6 more for each drone where some start anywhere.
+        """
+        train, drones = self.config.train, len(self.sides)
+        moving = (train.start_speed > 0.0) * 2 * drones
+        anywhere = (train.start_anywhere > 0.0) * (1 + 6 * drones)
+        return self._numbers(key, shape, self._position_numbers + moving + anywhere)
 
     def spawn(self, numbers: jax.Array) -> EnvState:
         """A fight about to start, from the `numbers` [K] that `start_numbers` gives for it.
@@ -122,21 +126,30 @@ class Combat:
         """A fight about to start in training, from the `numbers` of `exploring_numbers`; `alone` []
         bool: the defender is absent.
 
-        Up to `train.start_speed` m/s along x and along y, each drone already moves: exploring
+        Up to `train.start_speed` m/s along x and along y, each drone already moves, and in a share
+        `train.start_anywhere` of the fights it starts anywhere, moving in any direction: exploring
         starts (Sutton and Barto, section 5.3). The fights that count, in evaluations and
         tournaments, `spawn` at rest.
         """
         spawning = self._position_numbers + num_random(self.config)
+        train, drones = self.config.train, len(self.sides)
         state = self.spawn(numbers[:spawning])
         defends = jnp.asarray([side == DEFENDER for side in self.sides])
         state = state.replace(down=state.down | (alone & defends))
-        if self.config.train.start_speed == 0.0:
+        if not (train.start_speed or train.start_anywhere):
             return state
-        over_ground = self.config.train.start_speed * (
-            2.0 * numbers[spawning:].reshape(-1, 2) - 1.0
-        )
-        over_ground = jnp.where(state.down[:, None], 0.0, over_ground)
-        state = state.replace(qvel=state.qvel.reshape(-1, 6).at[:, :2].set(over_ground).reshape(-1))
+        pose, twist = state.qpos.reshape(-1, 7), state.qvel.reshape(-1, 6)
+        stays, more = state.down[:, None], numbers[spawning:]
+        if train.start_speed:
+            over_ground = train.start_speed * (2.0 * more[: 2 * drones].reshape(-1, 2) - 1.0)
+            twist = twist.at[:, :2].set(jnp.where(stays, 0.0, over_ground))
+            more = more[2 * drones :]
+        if train.start_anywhere:
+            position, velocity = start_anywhere(train.start_speed, more[1:].reshape(-1, 6))
+            here = (more[0] < train.start_anywhere) & ~stays
+            pose = pose.at[:, :3].set(jnp.where(here, position, pose[:, :3]))
+            twist = twist.at[:, :3].set(jnp.where(here, velocity, twist[:, :3]))
+        state = state.replace(qpos=pose.reshape(-1), qvel=twist.reshape(-1))
         return first_memory(self.config.sensor, state)
 
     def reset(self, key: jax.Array) -> EnvState:

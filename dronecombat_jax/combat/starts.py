@@ -13,6 +13,8 @@ from dronecombat_jax.config.sides import DUEL, team
 START = ((0.0, 5.0), (0.0, 0.0), (5.0, 5.0))
 TARGET = 2  # its row
 ARENA_HALF_WIDTH = 5.0
+# A start anywhere lies in this box, m: a metre around the starts of both sides and the target.
+ANYWHERE_LOW, ANYWHERE_HIGH = (-1.0, -1.0, 0.8), (6.0, 6.0, 5.0)
 
 
 def start_positions(game: GameConfig, numbers: jax.Array) -> jax.Array:
@@ -36,6 +38,14 @@ def start_positions(game: GameConfig, numbers: jax.Array) -> jax.Array:
             mates = team(game.sides, side)
             plane = plane.at[mates, 0].set(apart(plane[mates, 0], game.team_spacing))
     return jnp.concatenate([plane, altitude[:, None]], axis=-1)
+
+
+def start_anywhere(speed: float, numbers: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Positions [A, 3] m and velocities [A, 3] m/s, world frame, of drones that start anywhere in the
+    arena, from uniform `numbers` [A, 6]; up to `speed` along each axis.
+    """
+    low, high = jnp.asarray(ANYWHERE_LOW), jnp.asarray(ANYWHERE_HIGH)
+    return low + (high - low) * numbers[:, :3], speed * (2.0 * numbers[:, 3:] - 1.0)
 
 
 def apart(x: jax.Array, spacing: float) -> jax.Array:

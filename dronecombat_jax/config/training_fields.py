@@ -228,6 +228,12 @@ class TrainConfig:
         low=0.0,
         high=20.0,
     )
+    start_anywhere: float = setting(
+        0.0,
+        "share of the training's fights in which every drone starts anywhere in the arena, up to 5 m high, and moves in any direction with up to start_speed along each axis",
+        low=0.0,
+        high=1.0,
+    )
     seed: int = setting(0, "first seed", low=0, high=2**31 - 1)
     num_seeds: int = setting(1, "seeds trained side by side: seed, seed + 1, ...", low=1, high=1024)
 

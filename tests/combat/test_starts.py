@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 
+from dronecombat_jax.combat import starts
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.fields import Config, GameConfig, TrainConfig
 from dronecombat_jax.types import EnvState
@@ -16,7 +17,7 @@ NEVER = np.zeros(1000, bool)  # alone
 @pytest.fixture(scope="module")
 def thousand(arena: SimpleNamespace) -> dict[str, EnvState]:
     """A thousand starts of each kind."""
-    keys, starts = jax.random.split(jax.random.key(3), 1000), {}
+    keys, drawn = jax.random.split(jax.random.key(3), 1000), {}
     games = {
         "fixed": GameConfig(),
         "uniform": GameConfig(spawn="uniform"),
@@ -25,8 +26,8 @@ def thousand(arena: SimpleNamespace) -> dict[str, EnvState]:
     }
     for name, game in games.items():
         combat = Combat(Config(game=game), arena.combat.scene)
-        starts[name] = jax.jit(jax.vmap(combat.reset))(keys)
-    return starts
+        drawn[name] = jax.jit(jax.vmap(combat.reset))(keys)
+    return drawn
 
 
 def places(state: EnvState) -> np.ndarray:
@@ -66,6 +67,36 @@ def test_exploring_starts_move_over_ground_and_change_nothing_else(arena: Simple
     solo = Combat(Config(game=GameConfig(scenario="solo"), train=train), arena.combat.scene)
     alone = jax.vmap(solo.explore)(numbers, NEVER)  # the absent defender stands still
     np.testing.assert_array_equal(alone.qvel, moving.qvel.at[:, :6].set(0.0))
+
+
+def test_a_share_of_the_trainings_fights_starts_anywhere(arena: SimpleNamespace):
+    train = TrainConfig(start_speed=4.0, start_anywhere=0.5)
+    combat, plain = (
+        Combat(Config(train=train), arena.combat.scene),
+        Combat(Config(train=TrainConfig(start_speed=4.0)), arena.combat.scene),
+    )
+    numbers = combat.exploring_numbers(jax.random.key(6), (4000,))
+    alone = np.arange(4000) % 4 == 0  # these defenders are absent and stay where they are
+    state, usual = (
+        jax.vmap(combat.explore)(numbers, alone),
+        jax.vmap(plain.explore)(numbers[:, : 9 + 4], alone),
+    )
+    elsewhere = np.any(state.qpos[:, 7:10] != usual.qpos[:, 7:10], axis=1)
+    assert 0.45 < elsewhere.mean() < 0.55
+    jax.tree.map(
+        lambda here, there: np.testing.assert_array_equal(here[~elsewhere], there[~elsewhere]),
+        state,
+        usual,
+    )
+    both = elsewhere & ~alone
+    box = np.asarray(starts.ANYWHERE_LOW), np.asarray(starts.ANYWHERE_HIGH)
+    where = (np.asarray(places(state))[both, :2] - box[0]) / (box[1] - box[0])
+    assert_uniform(where.reshape(-1, 6), 0.0, 1.0)
+    velocity = np.asarray(state.qvel)[both].reshape(-1, 2, 2, 3)
+    assert_uniform(velocity[:, :, 0].reshape(-1, 6), -4.0, 4.0)
+    assert not np.any(velocity[:, :, 1])
+    np.testing.assert_array_equal(state.target, usual.target)
+    np.testing.assert_array_equal(state.qpos[alone, :7], usual.qpos[alone, :7])
 
 
 def test_without_start_speed_training_starts_as_the_game_does(arena: SimpleNamespace):

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.rules import Events, struck_out, teams, timeout_decides
-from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.config.sides import DUEL
 from dronecombat_jax.types import Cause, Drones, RewardTerms
 
@@ -33,7 +33,8 @@ def reward_terms(
     flying = jnp.ones_like(down) if grounded else ~down
     dense = scale * flying.astype(jnp.float32)
 
-    distance = jnp.linalg.norm(drones.position - _goals(config, drones, target, events), axis=-1)
+    out = events.down | struck_out(game, events)
+    distance = jnp.linalg.norm(drones.position - goals(game, drones, target, out), axis=-1)
     scales = weights.defender_distance_scale, weights.attacker_distance_scale
     distance_scale = jnp.asarray([scales[side] for side in game.sides])
     approach = weights.approach_weight * (1.0 - jnp.tanh(distance / distance_scale))
@@ -65,15 +66,15 @@ def reward_terms(
     )
 
 
-def _goals(config: Config, drones: Drones, target: jax.Array, events: Events) -> jax.Array:
+def goals(game: GameConfig, drones: Drones, target: jax.Array, out: jax.Array) -> jax.Array:
     """[A, 3] m, what each drone is to approach: a defender the nearest attacker that still flies,
-    or the nearest of all where none does; an attacker the target.
+    or the nearest of all where none does; an attacker the target. `out` [A] bool: who flies no more.
     """
-    game, position = config.game, drones.position
+    position = drones.position
     defended, attacked = teams(game)
     if game.sides == DUEL:
         return jnp.stack([position[1], target])
-    flying = ~(events.down | struck_out(game, events))[attacked]
+    flying = ~out[attacked]
     way = position[defended][:, None] - position[attacked][None]
     away = jnp.where(flying | ~jnp.any(flying), jnp.sum(way**2, axis=-1), jnp.inf)
     nearest = position[attacked][jnp.argmin(away, axis=-1)]

@@ -129,6 +129,34 @@ class LearnConfig:
         True, "running mean and variance of observations, clipped at 5"
     )
     normalize_values: bool = setting(True, "running mean and variance of returns")
+    defender_shaping: float = setting(
+        0.0,
+        "potential-based shaping: reward per metre that a defender's way to the attacker shrinks; the game stays what it is",
+        unit="1/m",
+        low=0.0,
+        high=1e3,
+    )
+    attacker_shaping: float = setting(
+        0.0, "the same for an attacker's way to the target", unit="1/m", low=0.0, high=1e3
+    )
+    settle_share: float = setting(
+        0.0,
+        "the training's last share, over which the policies settle: max_learning_rate falls to a hundredth, min_log_std to settled_log_std",
+        low=0.0,
+        high=1.0,
+    )
+    settled_log_std: float = setting(
+        -2.0,
+        "lower bound of the log standard deviation at the end of settle_share",
+        low=-20.0,
+        high=2.0,
+    )
+
+    @property
+    def least_log_std(self) -> float:
+        """The lowest bound of the log standard deviation at any time of the training."""
+        settled = self.settled_log_std if self.settle_share > 0.0 else self.min_log_std
+        return min(self.min_log_std, settled)
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ def update_learner(
         observation=inputs,
         action=counted(rollout.action[:, :, agent]),
         log_prob=counted(rollout.log_prob[:, :, agent]),
-        reward=rollout.reward[:, :, agent],
+        reward=_taught(rollout)[:, :, agent],
         value=value,
         next_value=next_value,
         terminated=rollout.terminated,
@@ -102,6 +102,11 @@ def update_learner(
     scaler = update_scaler(learner.observation_scaler, observation, weight)
     scaler = with_fixed_slots(learn, scaler)
     return learner.replace(observation_scaler=scaler), metrics
+
+
+def _taught(rollout: Transition) -> jax.Array:
+    """The reward that is learnt from, [T, N, A]."""
+    return rollout.reward if rollout.shaping is None else rollout.reward + rollout.shaping
 
 
 def _begins(rollout: Transition) -> jax.Array:

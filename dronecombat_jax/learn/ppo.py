@@ -100,11 +100,19 @@ def approximate_kl(log_ratio: jax.Array, weight: jax.Array) -> jax.Array:
 def adapt_learning_rate(learn: LearnConfig, learning_rate: jax.Array, kl: jax.Array) -> jax.Array:
     """The KL-adaptive rate after an epoch with mean divergence `kl` (skrl's KLAdaptiveLR)."""
     if learn.learning_rate_schedule == "constant":
-        return learning_rate
+        return _bounded(learn, learning_rate)
     lower = jnp.maximum(learning_rate / learn.learning_rate_factor, learn.min_learning_rate)
     higher = jnp.minimum(learning_rate * learn.learning_rate_factor, learn.max_learning_rate)
     adapted = jnp.where(kl < learn.kl_target / learn.kl_factor, higher, learning_rate)
-    return jnp.where(kl > learn.kl_target * learn.kl_factor, lower, adapted)
+    adapted = jnp.where(kl > learn.kl_target * learn.kl_factor, lower, adapted)
+    return _bounded(learn, adapted)
+
+
+def _bounded(learn: LearnConfig, learning_rate: jax.Array) -> jax.Array:
+    """The rate below its upper bound where that falls (`settle`)."""
+    return (
+        jnp.minimum(learning_rate, learn.max_learning_rate) if learn.settle_share else learning_rate
+    )
 
 
 def explained_variance(target: jax.Array, value: jax.Array, weight: jax.Array) -> jax.Array:

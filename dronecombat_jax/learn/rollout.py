@@ -1,11 +1,13 @@
 """Collecting experience: both policies fly N fights for T steps, with automatic reset."""
 
+import functools
 from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.shaping import shaping
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn.memory import remember, with_recall
 from dronecombat_jax.learn.networks import forward, gaussian_log_prob
@@ -59,6 +61,8 @@ def collect(
         done = output.terminated | output.truncated
         start = jax.vmap(combat.explore)(numbers, alone)
         transition = _transition(observation, action, log_prob, output, after)
+        more = jax.vmap(functools.partial(shaping, combat.config))(env, after, output)
+        transition = transition._replace(shaping=more)
         if recall is not None:
             after, start = after.replace(recall=recall), with_recall(start, recall.shape[-1])
             transition = transition._replace(recall=env.recall)
@@ -120,7 +124,7 @@ def draw_action(
     nothing is learnt: docs/fidelity.md).
     """
     mean, recall = policy_step(learn, policy, observation, recall)
-    log_std = jnp.clip(policy.log_std, learn.min_log_std, learn.max_log_std)
+    log_std = jnp.clip(policy.log_std, learn.least_log_std, learn.max_log_std)
     action = mean + jnp.exp(log_std) * noise
     if learn.clip_actions:
         action = jnp.clip(action, -1.0, 1.0)

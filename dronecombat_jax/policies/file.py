@@ -126,7 +126,7 @@ def as_flown(policy: Policy, learn: LearnConfig) -> Policy:
 
     Only its run knows the bounds; in older checkpoints the parameter may lie outside.
     """
-    bounded = np.clip(policy.log_std, learn.min_log_std, learn.max_log_std).astype(np.float32)
+    bounded = np.clip(policy.log_std, learn.least_log_std, learn.max_log_std).astype(np.float32)
     return policy.replace(log_std=bounded)
 
 

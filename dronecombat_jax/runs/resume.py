@@ -182,7 +182,7 @@ def brought_up_to_date(state: "TrainState", config: Config) -> "TrainState":
 
     from dronecombat_jax.selfplay import tally
 
-    bound = lambda log_std: np.clip(log_std, config.learn.min_log_std, config.learn.max_log_std)
+    bound = lambda log_std: np.clip(log_std, config.learn.least_log_std, config.learn.max_log_std)
     parameters, selfplay = state.learners.parameters, state.selfplay
     parameters = parameters.replace(log_std=bound(parameters.log_std))
     if selfplay is not None:

@@ -22,6 +22,7 @@ from dronecombat_jax.config.opponents import learns
 from dronecombat_jax.learn.algorithms import learn_from, new_learner, without
 from dronecombat_jax.learn.memory import recall_size, with_recall
 from dronecombat_jax.learn.rollout import Policies, collect
+from dronecombat_jax.learn.settle import settled
 from dronecombat_jax.learn.sharding import along_environments
 from dronecombat_jax.selfplay import opponents, tally
 from dronecombat_jax.selfplay.mesh import over_seeds
@@ -165,7 +166,7 @@ def advance_iteration(
     if config.train.lead_limit < 1.0:
         learning &= ~rests(config, count_causes(together, at_their_steps), learning)
     learners, updates = learn_from(
-        config.learn,
+        settled(config, state.iteration),
         state.learners,
         rollout,
         shuffle,

@@ -129,15 +129,19 @@ class LearnConfig:
         True, "running mean and variance of observations, clipped at 5"
     )
     normalize_values: bool = setting(True, "running mean and variance of returns")
-    defender_shaping: float = setting(
+    defender_progress: float = setting(
         0.0,
-        "potential-based shaping: reward per metre that a defender's way to the attacker shrinks; the game stays what it is",
+        "in learning alone: reward per metre by which a defender's way to the attacker shrinks",
         unit="1/m",
         low=0.0,
         high=1e3,
     )
-    attacker_shaping: float = setting(
-        0.0, "the same for an attacker's way to the target", unit="1/m", low=0.0, high=1e3
+    attacker_progress: float = setting(
+        0.0,
+        "in learning alone: reward per metre by which an attacker's way to the target shrinks",
+        unit="1/m",
+        low=0.0,
+        high=1e3,
     )
     settle_share: float = setting(
         0.0,

@@ -106,7 +106,7 @@ def update_learner(
 
 def _taught(rollout: Transition) -> jax.Array:
     """The reward that is learnt from, [T, N, A]."""
-    return rollout.reward if rollout.shaping is None else rollout.reward + rollout.shaping
+    return rollout.reward if rollout.progress is None else rollout.reward + rollout.progress
 
 
 def _begins(rollout: Transition) -> jax.Array:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.shaping import shaping
+from dronecombat_jax.combat.progress import progress
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn.memory import remember, with_recall
 from dronecombat_jax.learn.networks import forward, gaussian_log_prob
@@ -61,8 +61,8 @@ def collect(
         done = output.terminated | output.truncated
         start = jax.vmap(combat.explore)(numbers, alone)
         transition = _transition(observation, action, log_prob, output, after)
-        more = jax.vmap(functools.partial(shaping, combat.config))(env, after, output)
-        transition = transition._replace(shaping=more)
+        more = jax.vmap(functools.partial(progress, combat.config))(env, after, output)
+        transition = transition._replace(progress=more)
         if recall is not None:
             after, start = after.replace(recall=recall), with_recall(start, recall.shape[-1])
             transition = transition._replace(recall=env.recall)

@@ -83,9 +83,7 @@ class Transition(NamedTuple):
     whole: jax.Array | None = None
     final_whole: jax.Array | None = None
     recall: jax.Array | None = None  # [T, N, A, M], what was remembered before the step
-    shaping: jax.Array | None = (
-        None  # [T, N, A] beside the reward (`combat.shaping`); None: nothing
-    )
+    progress: jax.Array | None = None  # [T, N, A] beside the reward; None: nothing
 
 
 class Batch(NamedTuple):

@@ -1,0 +1,69 @@
+"""The reward for the way to one's goal: its metres, and that it stays out of the game's reward."""
+
+import itertools
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dronecombat_jax.combat.progress import progress
+from dronecombat_jax.config.fields import Config, LearnConfig
+from dronecombat_jax.types import EnvState
+
+WEIGHTS = np.asarray([30.0, 7.0])
+REWARDED = Config(learn=LearnConfig(defender_progress=30.0, attacker_progress=7.0))
+
+
+def state(defender, attacker, down=(False, False)) -> EnvState:
+    level = [1.0, 0.0, 0.0, 0.0]
+    return EnvState(
+        qpos=jnp.asarray([*defender, *level, *attacker, *level]),
+        qvel=jnp.zeros(12),
+        target=jnp.asarray([5.0, 5.0, 1.0]),
+        clock=jnp.int32(0),
+        down=jnp.asarray(down),
+    )
+
+
+def output(active=(True, True)) -> SimpleNamespace:
+    return SimpleNamespace(active=jnp.asarray(active))
+
+
+def distances(fight: EnvState) -> np.ndarray:
+    """Defender to attacker, attacker to target."""
+    places = np.asarray(fight.qpos).reshape(2, 7)[:, :3]
+    goals = np.stack([places[1], fight.target])
+    return np.linalg.norm(places - goals, axis=1)
+
+
+def test_without_weights_there_is_none():
+    here = state((0, 5, 1), (0, 0, 1))
+    assert progress(Config(), here, here, output()) is None
+
+
+def test_a_step_earns_the_metres_that_it_came_nearer():
+    before, after = state((0, 4, 1), (2, 0, 1)), state((0, 3, 1), (3, 0, 1))
+    nearer = distances(before) - distances(after)
+    np.testing.assert_allclose(
+        progress(REWARDED, before, after, output()), WEIGHTS * nearer, rtol=1e-5
+    )
+
+
+def test_over_a_fight_it_adds_up_to_the_way_gained():
+    places = jax.random.uniform(jax.random.key(2), (20, 2, 3), minval=1.0, maxval=5.0)
+    flown = [state(*place) for place in places]
+    total = sum(
+        np.asarray(progress(REWARDED, before, after, output()))
+        for before, after in itertools.pairwise(flown)
+    )
+    gained = distances(flown[0]) - distances(flown[-1])
+    np.testing.assert_allclose(total, WEIGHTS * gained, rtol=1e-4)
+
+
+def test_a_drone_earns_on_the_step_in_which_it_goes_down_and_never_after():
+    before, falls = state((0, 4, 1), (2, 0, 1)), state((0, 3, 1), (3, 0, 1), down=(True, False))
+    first = np.asarray(progress(REWARDED, before, falls, output()))
+    assert np.all(first > 0.0)
+    later = progress(REWARDED, falls, falls.replace(clock=jnp.int32(2)), output((False, True)))
+    assert later[0] == 0.0

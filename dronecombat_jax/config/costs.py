@@ -23,6 +23,7 @@ from dronecombat_jax.config.scales import Scale
 from dronecombat_jax.errors import EXIT_CANNOT_WRITE, UserError
 
 SHARE_OF_FLOOR = 0.64  # of the matrix products' rate that a whole training reaches on a CPU
+OTHER_FLOPS = 0.35e6  # of a step: flight and all that is no product, as so many operations
 ITERATION_SECONDS = 0.02  # of a small one: calls, metrics
 CHUNK_SECONDS = 0.5  # to save
 START_SECONDS = 45.0  # of a step: imports, compilation
@@ -67,7 +68,7 @@ def cost_of(scale: Scale, configs: Mapping[str, Config], gflops: float, gpu: boo
     trainings = {
         name: START_SECONDS
         + scale.chunks * CHUNK_SECONDS
-        + max(steps * step_flops(run_config) / rate, overhead)
+        + max(steps * (step_flops(run_config) + OTHER_FLOPS) / rate, overhead)
         for name, run_config in configs.items()
     }
     runs = len(configs) * seeds

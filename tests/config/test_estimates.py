@@ -57,7 +57,8 @@ def test_this_machine_has_memory():
 
 def test_a_run_that_will_not_fit_on_the_disk_is_refused_with_what_needs_less(monkeypatch):
     monkeypatch.setattr(preflight, "free_bytes", lambda path: 2**30)
-    long = {"train.total_steps": 1_200_000_000, "run.directory": "/somewhere"}
+    large = {"learn.hidden_sizes": [256, 128], "run.directory": "/somewhere"}
+    long = {**large, "train.total_steps": 1_200_000_000}
     with pytest.raises(
         UserError,
         match=r"2001 chunks need about 4\.\d+ GiB on the disk of /somewhere.*1 GiB are free",

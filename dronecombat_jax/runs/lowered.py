@@ -102,12 +102,13 @@ def _kept(
 def _key(config: Config, state: Any, mesh: "jax.sharding.Mesh | None", constants: str = "") -> str:
     """A digest of what a program depends on besides files.
 
-    A run's name, seed and length are not in it.
+    A run's name and seed are not in it, nor its length unless learning settles towards its end.
     """
     import jax
 
     run = replace(RunConfig(), seeds_at_once=config.run.seeds_at_once)
-    train = replace(config.train, seed=0, total_steps=1)
+    length = config.train.total_steps if config.learn.settle_share > 0.0 else 1
+    train = replace(config.train, seed=0, total_steps=length)
     leaves, structure = jax.tree.flatten(state)
     parts = (
         settings.to_toml(replace(config, train=train, run=run)),

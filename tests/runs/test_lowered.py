@@ -18,7 +18,7 @@ from meshes import never
 from dronecombat_jax import __main__
 from dronecombat_jax.cli import commands as cli
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.config.fields import RunConfig, SelfPlayConfig
+from dronecombat_jax.config.fields import Config, RunConfig, SelfPlayConfig
 from dronecombat_jax.runs import lowered, signals
 from dronecombat_jax.selfplay.chunk import build_advance, init_state
 from dronecombat_jax.selfplay.mesh import place
@@ -147,6 +147,16 @@ def test_name_seed_and_length_are_not_in_the_program(start):
         CONFIG, run=RunConfig(name="other"), train=replace(CONFIG.train, seed=9, total_steps=10**9)
     )
     assert text(other) == text(CONFIG)
+
+
+def test_where_learning_settles_the_length_is_in_the_key(start):
+    def key(config: Config, steps: int) -> str:
+        train = replace(config.train, total_steps=steps)
+        return lowered._key(replace(config, train=train), start.state, None)
+
+    settling = replace(CONFIG, learn=replace(CONFIG.learn, settle_share=0.5))
+    assert key(CONFIG, 400) == key(CONFIG, 800)
+    assert key(settling, 400) != key(settling, 800)
 
 
 @pytest.fixture

@@ -29,9 +29,5 @@ def settled(config: Config, iteration: jax.Array) -> LearnConfig:
     left = jnp.clip(left, 0.0, 1.0)
     rate = learn.max_learning_rate * (LAST_RATE + (1.0 - LAST_RATE) * left)
     bound = learn.least_log_std + (learn.min_log_std - learn.least_log_std) * left
-    changed: dict[str, Any] = {
-        "max_learning_rate": rate,
-        "min_learning_rate": jnp.minimum(learn.min_learning_rate, rate),
-        "min_log_std": bound,
-    }
+    changed: dict[str, Any] = {"max_learning_rate": rate, "min_log_std": bound}
     return dataclasses.replace(learn, **changed)

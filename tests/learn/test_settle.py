@@ -46,3 +46,11 @@ def test_a_bound_that_is_higher_in_the_end_lowers_nothing():
     config = settling(settled_log_std=0.0)
     assert config.learn.least_log_std == -1.0
     assert settled(config, jnp.int32(100)).min_log_std == -1.0
+
+
+def test_not_even_the_lower_bound_of_the_rate_keeps_it_up():
+    config = settling(min_learning_rate=5e-3)
+    now = settled(config, jnp.int32(100))
+    for kl in (0.0, 1.0):
+        rate = ppo.adapt_learning_rate(now, jnp.float32(config.learn.max_learning_rate), kl)
+        np.testing.assert_allclose(rate, LAST_RATE * config.learn.max_learning_rate, rtol=1e-5)

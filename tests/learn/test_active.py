@@ -222,3 +222,11 @@ def test_a_log_std_at_its_floor_leaves_it_when_more_noise_pays(rollout):
         compiler_options=UNOPTIMISED,
     )
     assert np.all(push(start).parameters.log_std == -0.5)
+
+
+def test_progress_is_learnt_from_as_reward_is(rollout, update):
+    gained = jax.random.normal(jax.random.key(4), rollout.reward.shape)
+    beside = update(rollout._replace(progress=gained))
+    within = update(rollout._replace(reward=rollout.reward + gained))
+    assert_same_bits(beside.learners, within.learners)
+    assert differs(beside.learners, update(rollout).learners)

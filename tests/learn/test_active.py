@@ -3,7 +3,7 @@ weights: MAPPO's masks).
 """
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from toy import CONFIG, UNOPTIMISED, Coasting, assert_same_bits, differs
 
+from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.learn import ppo
 from dronecombat_jax.learn.algorithms import learn_from
 from dronecombat_jax.learn.ippo import init_learner, step_weights
@@ -33,7 +34,11 @@ LEARN = replace(CONFIG.learn, minibatch_order="sequential", learning_rate=3e-3)
 @pytest.fixture(scope="module", params=["out", pytest.param("grounded", marks=pytest.mark.slow)])
 def rollout(request) -> Transition:
     """Toy fights in which drones go down and the fight goes on."""
-    config = replace(CONFIG, learn=LEARN, game=replace(CONFIG.game, crash_rule=request.param))
+    return flown(LEARN, request.param)
+
+
+def flown(learn: LearnConfig, crash_rule: Literal["out", "grounded"]) -> Transition:
+    config = replace(CONFIG, learn=learn, game=replace(CONFIG.game, crash_rule=crash_rule))
     combat, key = Coasting(config), jax.random.key(0)
 
     def fly() -> Transition:
@@ -230,3 +235,12 @@ def test_progress_is_learnt_from_as_reward_is(rollout, update):
     within = update(rollout._replace(reward=rollout.reward + gained))
     assert_same_bits(beside.learners, within.learners)
     assert differs(beside.learners, update(rollout).learners)
+
+
+def test_progress_stands_beside_the_reward_and_only_for_who_flies():
+    plain = flown(LEARN, "out")
+    rewarded = flown(replace(LEARN, defender_progress=30.0, attacker_progress=7.0), "out")
+    assert plain.progress is None and rewarded.progress is not None
+    assert_same_bits(rewarded._replace(progress=None), plain)
+    assert np.any(rewarded.progress, axis=(0, 1)).all()
+    assert not np.any(np.asarray(rewarded.progress)[~np.asarray(rewarded.active)])

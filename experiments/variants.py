@@ -4,7 +4,8 @@
     python experiments/variants.py experiments/studies/readings.toml --table
 
 A study file names a `preset`, `steps`, `seeds` and its `[variants.NAME]`; a variant's keys are
-`about`, its own `preset`, `steps` or `seeds`, and settings by dotted key in quotes. Each variant and
+`about`, its own `preset`, `steps` or `seeds`, and settings by dotted key in quotes; `on = "NAME"` takes
+all but `about` from a variant above it, and changes that. Each variant and
 seed is one `dronecombat train` on a core of its own, seeds first, so that every variant has one
 before any has two. Runs go on where they stopped; what is whole is not trained again. Each run is
 measured when it is whole (`experiments/measured.py`), and what it came to is kept beside the study
@@ -73,8 +74,13 @@ def read_study(path: Path) -> Study:
             f"{path}: {min(unknown)}: no key of a study ({', '.join(OWN_KEYS)}, variants)"
         )
     variants = []
-    for name, keys in text.get("variants", {}).items():
-        keys = {**{key: text[key] for key in ("preset", "steps", "seeds") if key in text}, **keys}
+    above = {"": {key: text[key] for key in ("preset", "steps", "seeds") if key in text}}
+    for name, own in text.get("variants", {}).items():
+        base = str(own.get("on", ""))
+        if base not in above:
+            raise SystemExit(f"{path}: variants.{name}.on = {base!r}: no variant above it")
+        keys = {**above[base], **{key: value for key, value in own.items() if key != "on"}}
+        above[name] = {key: value for key, value in keys.items() if key != "about"}
         if lacking := {"preset", "steps", "seeds"} - set(keys):
             raise SystemExit(f"{path}: {min(lacking)} is missing, for variant {name}")
         settings = {key: value for key, value in keys.items() if key not in OWN_KEYS}

@@ -55,11 +55,30 @@ def test_a_study_and_its_commands(tmp_path):
     ]
 
 
+def test_a_variant_on_another(tmp_path):
+    (tmp_path / "mine.toml").write_text(
+        STUDY
+        + """
+[variants.third]
+on = "other"
+steps = 70
+"game.swept_events" = true
+"""
+    )
+    *_, other, third = variants.read_study(tmp_path / "mine.toml").variants
+    assert (third.about, third.preset, third.seeds, third.steps) == ("", "duel", (5,), 70)
+    assert third.settings == {**other.settings, "game.swept_events": True}
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ('presets = "duel"', "mine.toml: presets: no key of a study"),
         ('preset = "duel"\nsteps = 9\n[variants.a]', "mine.toml: seeds is missing, for variant a"),
+        (
+            'preset = "duel"\nsteps = 9\nseeds = [1]\n[variants.a]\non = "b"\n[variants.b]',
+            "mine.toml: variants.a.on = 'b': no variant above it",
+        ),
     ],
 )
 def test_mistakes(tmp_path, text, message):

@@ -91,12 +91,13 @@ class Combat:
 
     def exploring_numbers(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
         """The same for `explore`: 2 more for each drone at the end where drones start moving, then 1
-        and 6 more for each drone where some start anywhere.
+        and 6 more for each drone where some start anywhere, then 1 where some start at rest.
         """
         train, drones = self.config.train, len(self.sides)
         moving = (train.start_speed > 0.0) * 2 * drones
         anywhere = (train.start_anywhere > 0.0) * (1 + 6 * drones)
-        return self._numbers(key, shape, self._position_numbers + moving + anywhere)
+        at_rest = (train.start_at_rest > 0.0) * 1
+        return self._numbers(key, shape, self._position_numbers + moving + anywhere + at_rest)
 
     def spawn(self, numbers: jax.Array) -> EnvState:
         """A fight about to start, from the `numbers` [K] that `start_numbers` gives for it.
@@ -129,7 +130,7 @@ class Combat:
         Up to `train.start_speed` m/s along x and along y, each drone already moves, and in a share
         `train.start_anywhere` of the fights it starts anywhere, moving in any direction: exploring
         starts (Sutton and Barto, section 5.3). The fights that count, in evaluations and
-        tournaments, `spawn` at rest.
+        tournaments, `spawn` at rest; a share `train.start_at_rest` of these here does, too.
         """
         spawning = self._position_numbers + num_random(self.config)
         train, drones = self.config.train, len(self.sides)
@@ -145,10 +146,16 @@ class Combat:
             twist = twist.at[:, :2].set(jnp.where(stays, 0.0, over_ground))
             more = more[2 * drones :]
         if train.start_anywhere:
-            position, velocity = start_anywhere(train.start_speed, more[1:].reshape(-1, 6))
+            position, velocity = start_anywhere(
+                train.start_speed, more[1 : 1 + 6 * drones].reshape(-1, 6)
+            )
             here = (more[0] < train.start_anywhere) & ~stays
             pose = pose.at[:, :3].set(jnp.where(here, position, pose[:, :3]))
             twist = twist.at[:, :3].set(jnp.where(here, velocity, twist[:, :3]))
+        if train.start_at_rest:
+            as_spawned = numbers[-1] < train.start_at_rest
+            pose = jnp.where(as_spawned, state.qpos.reshape(-1, 7), pose)
+            twist = jnp.where(as_spawned, 0.0, twist)
         state = state.replace(qpos=pose.reshape(-1), qvel=twist.reshape(-1))
         return first_memory(self.config.sensor, state)
 

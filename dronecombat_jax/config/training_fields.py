@@ -266,6 +266,12 @@ class TrainConfig:
         low=0.0,
         high=1.0,
     )
+    start_at_rest: float = setting(
+        0.0,
+        "share of the training's fights that start at rest all the same, as those that count do",
+        low=0.0,
+        high=1.0,
+    )
     seed: int = setting(0, "first seed", low=0, high=2**31 - 1)
     num_seeds: int = setting(1, "seeds trained side by side: seed, seed + 1, ...", low=1, high=1024)
 

@@ -99,6 +99,27 @@ def test_a_share_of_the_trainings_fights_starts_anywhere(arena: SimpleNamespace)
     np.testing.assert_array_equal(state.qpos[alone, :7], usual.qpos[alone, :7])
 
 
+def test_a_share_of_the_trainings_fights_starts_at_rest(arena: SimpleNamespace):
+    train = TrainConfig(start_speed=4.0, start_anywhere=0.5, start_at_rest=0.25)
+    combat = Combat(Config(train=train), arena.combat.scene)
+    usual = Combat(
+        Config(train=TrainConfig(start_speed=4.0, start_anywhere=0.5)), arena.combat.scene
+    )
+    numbers = combat.exploring_numbers(jax.random.key(7), (1000,))
+    state, moving = (
+        jax.vmap(combat.explore)(numbers, NEVER),
+        jax.vmap(usual.explore)(numbers[:, :-1], NEVER),
+    )
+    rests = ~np.any(state.qvel, axis=1)
+    assert 0.2 < rests.mean() < 0.3
+    for which, wanted in ((rests, jax.vmap(combat.spawn)(numbers[:, :9])), (~rests, moving)):
+        jax.tree.map(
+            lambda one, other, which=which: np.testing.assert_array_equal(one[which], other[which]),
+            state,
+            wanted,
+        )
+
+
 def test_without_start_speed_training_starts_as_the_game_does(arena: SimpleNamespace):
     key = jax.random.key(5)
     numbers = arena.combat.exploring_numbers(key, (8,))

@@ -18,6 +18,11 @@ def broken(config: Config) -> Iterator[Problem]:
             "learn.others = mean needs game.observation = nearest: no other has slots for others, and "
             f"{config.game.observation} is given",
         )
+    if config.learn.others == "mean" and config.learn.algorithm != "ppo":
+        yield Problem(
+            ("learn.others", "learn.algorithm"),
+            f"learn.others = mean needs learn.algorithm = ppo: the networks of {config.learn.algorithm} are its own business",
+        )
     yield from _memory(config)
     yield from _recurrent(config)
 

@@ -54,7 +54,8 @@ for kill in range(kills):
     time.sleep(moments.uniform(0.0, 0.1))
     os.kill(child, signal.SIGKILL)
     assert os.waitpid(child, 0)[1] == signal.SIGKILL, "ended before it was killed"
-    assert (newest(run / "checkpoints", set_aside=False) or 0) >= kept, "an acknowledged checkpoint is gone"
+    good = checkpoint.latest(run / "checkpoints", set_aside=False)
+    assert (good.step if good else -1) >= kept, "an acknowledged checkpoint is gone"
     print("killed after", checkpoint.steps(run / "checkpoints")[-1:], flush=True)
 assert os.waitpid(begin(), 0)[1] == 0
 """

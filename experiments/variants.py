@@ -4,13 +4,13 @@
     python experiments/variants.py experiments/studies/readings.toml --table
 
 A study file names a `preset`, `steps`, `seeds` and its `[variants.NAME]`; a variant's keys are
-`about`, its own `preset`, `steps` or `seeds`, and settings by dotted key in quotes; `on = "NAME"` takes
-all but `about` from a variant above it, and changes that. Each variant and
-seed is one `dronecombat train` on a core of its own, seeds first, so that every variant has one
-before any has two. Runs go on where they stopped; what is whole is not trained again. Each run is
-measured when it is whole (`experiments/measured.py`), and what it came to is kept beside the study
-file, as studies/STUDY.jsonl (`kept`): commit that, and a study goes on on another machine. The table
-is written to runs/STUDY/table.md.
+`about`, its own `preset`, `steps` or `seeds`, and settings by dotted key in quotes; `on = "NAME"`
+takes all but `about` from a variant above it, and changes that. Each variant and seed is one `dronecombat
+train` on a core of its own, seeds first, so that every variant has one before any has two. Runs go
+on where they stopped; what is whole is not trained again. Each run is measured when it is whole
+(`experiments/measured.py`), and what it came to is kept beside the study file, as
+studies/STUDY.jsonl (`kept`): commit that, and a study goes on on another machine. The table is
+written to runs/STUDY/table.md.
 """
 
 import argparse

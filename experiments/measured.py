@@ -119,24 +119,32 @@ def against(run: Path) -> dict[str, float]:
 
 
 def markdown(rows: Sequence[tuple[str, str, list[dict[str, Any]]]]) -> str:
-    """A Markdown table; each row a variant's name, what it is, and the measures of its seeds."""
-    pilots = [f"stops `{name}`" for name in ATTACKERS] + [f"past `{name}`" for name in DEFENDERS]
-    head = ["variant", "seeds that fight", "from, M steps: median (most)", *NAMES, *pilots]
-    lines = [_line(head), _line(["---"] * len(head))]
+    """Two Markdown tables, how trainings end and how final policies fare; each row a variant's name,
+    in the first also what it is, and the measures of its seeds.
+    """
+    ends = ["variant", "seeds that fight", "from, M steps: median (most)", *NAMES]
+    spelt = lambda name: name.replace("_", " ")  # a heading that a page can break
+    pilots = [f"stops {spelt(name)}" for name in ATTACKERS]
+    pilots += [f"past {spelt(name)}" for name in DEFENDERS]
+    first, second = (
+        [_line(head), _line(["---"] * len(head))] for head in (ends, ["variant", *pilots])
+    )
     for name, about, runs in rows:
         cells = [f"`{name}`" + (f": {about}" if about else "")]
-        if runs:
-            cells += [f"{sum(run['fights'] for run in runs)} of {len(runs)}", _from(runs)]
-            cells += [_spread([run["shares"][share] for run in runs]) for share in NAMES]
-            cells += [
-                _spread([run["against"][opponent] for run in runs])
-                for opponent in (*ATTACKERS, *DEFENDERS)
-            ]
-        else:
-            cells += ["not run"] + [""] * (len(head) - 2)
-        lines.append(_line(cells))
-    note = "Mean over seeds, ± its 95 % interval by Student's t; in brackets the worst seed and the best."
-    return "\n".join([*lines, "", note])
+        if not runs:
+            first.append(_line([*cells, "not run", *[""] * (len(ends) - 2)]))
+            continue
+        cells += [f"{sum(run['fights'] for run in runs)} of {len(runs)}", _from(runs)]
+        first.append(
+            _line(cells + [_spread([run["shares"][share] for run in runs]) for share in NAMES])
+        )
+        opponents = (*ATTACKERS, *DEFENDERS)
+        fares = [_spread([run["against"][opponent] for run in runs]) for opponent in opponents]
+        second.append(_line([f"`{name}`", *fares]))
+    note = (
+        "Mean over seeds, ± its 95 % interval by Student's t; in brackets the least and the most."
+    )
+    return "\n".join([*first, "", *second, "", note])
 
 
 def mean(records: Sequence[dict[str, Any]], key: str) -> float:

@@ -25,6 +25,7 @@ class EvaluateFlags:
 
         dronecombat evaluate ippo
         dronecombat evaluate ippo --attacker dash --fights 1000
+        dronecombat evaluate nearest-3v2 --defenders 4    (game.observation nearest)
     """
 
     run: str = setting("", "the run: its folder, or its name in runs/")
@@ -41,6 +42,13 @@ class EvaluateFlags:
     )
     attacker: str = setting("", "a scripted pilot in the attacker's place, such as dash or weave")
     spawn: Literal["as_trained", "fixed", "uniform", "even"] = setting("as_trained", STARTS)
+    defenders: int = setting(
+        0,
+        "drones of that side, in a team of another size than the run's; 0: as trained",
+        low=0,
+        high=MAX_TEAM,
+    )
+    attackers: int = setting(0, "the same of the other side", low=0, high=MAX_TEAM)
     device: Literal["auto", "cpu", "gpu", "tpu"] = setting("auto", "where to compute")
 
 
@@ -86,7 +94,14 @@ def evaluate(args: Sequence[str]) -> int:
     chunk = None if given.chunk < 0 else given.chunk
     spawn = "" if given.spawn == "as_trained" else given.spawn
     match = evaluation.Match(
-        given.fights, given.seed, given.stochastic, given.defender, given.attacker, spawn
+        given.fights,
+        given.seed,
+        given.stochastic,
+        given.defender,
+        given.attacker,
+        spawn,
+        given.defenders,
+        given.attackers,
     )
     return evaluation.evaluate(run, match, chunk)
 

@@ -1,6 +1,7 @@
 """`dronecombat evaluate`: the two policies of a run fight, and the outcomes are counted."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,11 +13,12 @@ from dronecombat_jax.arena.match import Team, fight, policy_team, scripted_team,
 from dronecombat_jax.arena.match import drawn_numbers as drawn_in
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import stands_for
 from dronecombat_jax.config.schema import one_line
-from dronecombat_jax.config.sides import drone_names, team
+from dronecombat_jax.config.sides import drone_names, spelt, team
 from dronecombat_jax.config.starts import with_starts
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import write_atomic
@@ -96,11 +98,13 @@ class Match(NamedTuple):
     defender: str = ""
     attacker: str = ""
     spawn: str = ""  # starts (`config.starts`); "": those of the run
+    defenders: int = 0  # drones of that side; 0: as many as in the run
+    attackers: int = 0
 
 
 def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
     """The fights of `match` with the policies of one of the run's seeds; NumPy leaves. UserError
-    for an unknown pilot.
+    for an unknown pilot, and for teams in which these policies cannot fly.
     """
     fights, combat = _fights_of(run, match)
     config, learn = combat.config, combat.config.learn
@@ -136,18 +140,51 @@ def drawn_numbers(run: SavedRun, match: Match) -> dict[str, Any]:
     fights, combat = _fights_of(run, match)
     start_key, _ = jax.random.split(jax.random.key(match.seed))
     start = start_fights(combat, start_key, fights)
-    drones = drone_names(run.config.game.sides)
+    drones = drone_names(combat.sides)
     numbers = {
         name: {drone: factors[:, i].round(4).tolist() for i, drone in enumerate(drones)}
-        for name, factors in drawn_in(run.config, start, slice(None)).items()
+        for name, factors in drawn_in(combat.config, start, slice(None)).items()
     }
     return {"drawn": numbers} if numbers else {}
 
 
 def _fights_of(run: SavedRun, match: Match) -> tuple[int, Combat]:
     """How many fights of which game."""
-    combat = Combat(with_starts(run.config, match.spawn), run.combat.scene)
-    return match.fights or run.config.run.evaluation_fights, combat
+    config = game_flown(run.config, match)
+    scene = run.combat.scene if config.game.sides == run.config.game.sides else None
+    return match.fights or run.config.run.evaluation_fights, Combat(config, scene)
+
+
+def game_flown(config: Config, match: Match) -> Config:
+    """The game of `match` with a run of these settings: other starts, other sizes of the teams.
+
+    UserError where the run's policies cannot fly in teams of that size.
+    """
+    trained, config = config.game, with_starts(config, match.spawn)
+    game = replace(
+        config.game,
+        defenders=match.defenders or trained.defenders,
+        attackers=match.attackers or trained.attackers,
+    )
+    if game.sides == trained.sides:
+        return config
+    needed, length = (layout_of(trained.observation, rules).size for rules in (trained, game))
+    if needed != length:
+        raise UserError(
+            f"policies that fly {spelt(trained.sides)} see {needed} numbers, in fights of "
+            f"{spelt(game.sides)} they would see {length}: game.observation = "
+            f"{one_line(trained.observation)} grows with the teams, nearest does not"
+        )
+    if config.learn.mates == "own":
+        raise UserError(
+            f"with learn.mates = own each drone of {spelt(trained.sides)} has a policy, and nobody "
+            f"has one for fights of {spelt(game.sides)}"
+        )
+    if game.crash_rule == "grounded":
+        raise UserError(
+            "game.crash_rule = grounded is for one drone a side: ends or out is allowed"
+        )
+    return replace(config, game=game)
 
 
 def summary(config: Config, result: FightResult) -> dict[str, Any]:
@@ -196,12 +233,12 @@ def evaluate(
         differences = "; ".join(changed)
         print(f"note: trained in another environment than the one here: {differences}", flush=True)
     steps = run.iteration * run.config.steps_per_iteration
-    written = lambda name, value: value != "" and name not in ("fights", "seed")
+    written = lambda name, value: (value or value is False) and name not in ("fights", "seed")
     options = {name: value for name, value in match._asdict().items() if written(name, value)}
     print(f"flying {match.fights} fights of each seed ...", flush=True)
     results = []
     for index in range(run.config.train.num_seeds):
-        result = summary(run.config, play(run, index, match))
+        result = summary(game_flown(run.config, match), play(run, index, match))
         about = {"seed": run.config.train.seed + index, "start_seed": match.seed, "steps": steps}
         results.append({**options, **about, **result, **drawn_numbers(run, match)})
         print(report_text(results[-1]), flush=True)
@@ -221,6 +258,8 @@ def file_name(match: Match, chunk: int | None, own_fights: int) -> str:
         f"seed{match.seed}" if match.seed else "",
         *(f"{role}_{name}" for role, name in pilots if name),
         f"spawn_{match.spawn}" if match.spawn else "",
+        f"defenders{match.defenders}" if match.defenders else "",
+        f"attackers{match.attackers}" if match.attackers else "",
     ]
     return "-".join(["evaluation", *filter(None, parts)]) + ".json"
 
@@ -249,9 +288,10 @@ def report_text(result: dict[str, Any]) -> str:
     how = "drawn actions" if result["stochastic"] else "mean actions"
     scripted = [f", {role} is the scripted {result[role]}" for role in SIDES if role in result]
     starts = f", {result['spawn']} starts" if "spawn" in result else ""
+    teams = [f", {result[side]} {side}" for side in ("defenders", "attackers") if side in result]
     lines = [
         f"seed {result['seed']} after {result['steps']:,} steps: {result['fights']} fights, {how}"
-        f"{''.join(scripted)}{starts} (95 % interval)"
+        f"{''.join(scripted)}{starts}{''.join(teams)} (95 % interval)"
     ]
     for group in ("win", "cause", "crash"):
         for name, (share, low, high) in result[group].items():

@@ -4,6 +4,7 @@ begun.
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import jax
@@ -29,6 +30,7 @@ from dronecombat_jax.runs.evaluation import (
     Match,
     drawn_numbers,
     file_name,
+    game_flown,
     load_run,
     play,
     summary,
@@ -91,11 +93,15 @@ def test_summary_of_counted_fights():
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> SimpleNamespace:
     """A run that has not learnt yet: its configuration and checkpoint 0."""
-    path = tmp_path_factory.mktemp("runs") / "begun"
+    return begun(tmp_path_factory.mktemp("runs") / "begun", CONFIG)
+
+
+def begun(path: Path, config: Config) -> SimpleNamespace:
+    """A run of these settings, its numbers drawn."""
     (path / "checkpoints").mkdir(parents=True)
-    (path / "config.toml").write_text(settings.to_toml(CONFIG))
+    (path / "config.toml").write_text(settings.to_toml(config))
     rng = np.random.default_rng(0)
-    shapes = jax.eval_shape(lambda: init_state(Combat(CONFIG)))
+    shapes = jax.eval_shape(lambda: init_state(Combat(config)))
     state = jax.tree.map(lambda leaf: (rng.random(leaf.shape) / 2).astype(leaf.dtype), shapes)
     checkpoint.save(path / "checkpoints", 0, state, {})
     return SimpleNamespace(path=path, state=state)
@@ -198,10 +204,51 @@ def test_only_the_runs_own_evaluation_has_its_name(run, monkeypatch, capsys):
 
 
 def test_a_name_tells_all_that_is_not_the_runs_own():
-    everything = Match(10, 7, True, "hover_guard", "high_dive", "fixed")
-    told = "chunk3-stochastic-fights10-seed7-defender_hover_guard-attacker_high_dive-spawn_fixed"
+    everything = Match(10, 7, True, "hover_guard", "high_dive", "fixed", 4, 2)
+    told = (
+        "chunk3-stochastic-fights10-seed7-defender_hover_guard-attacker_high_dive-spawn_fixed-"
+        "defenders4-attackers2"
+    )
     assert file_name(everything, 3, 256) == f"evaluation-{told}.json"
     assert file_name(Match(10), None, 10) == "evaluation.json"
+
+
+def test_teams_of_another_size_fly_where_the_observation_lets_them(tmp_path, capsys):
+    """Two nearest defenders fly in fights of three against two, and alone as in a run of the duel."""
+    sizes = {"defenders": 2, "attackers": 1}
+    game = GameConfig(episode_steps=25, observation="nearest", **sizes)
+    saved = begun(tmp_path / "pair", replace(CONFIG, game=game))
+    flags = ["--fights", "5", "--defenders", "3", "--attackers", "2"]
+    assert cli.main(["evaluate", str(saved.path), *flags]) == 0
+    assert "5 fights, mean actions, 3 defenders, 2 attackers" in capsys.readouterr().out
+    (row,) = json.loads((saved.path / "evaluation-fights5-defenders3-attackers2.json").read_bytes())
+    assert (row["defenders"], row["attackers"]) == (3, 2) and "defender3" in row["crash"]
+    loaded = load_run(saved.path)
+    fights = play(loaded, 0, Match(5, defenders=3, attackers=2))
+    assert fights.down.shape == (5, 5)
+    as_trained = play(loaded, 0, Match(5))
+    for given, same in zip(play(loaded, 0, Match(5, defenders=2)), as_trained, strict=True):
+        np.testing.assert_array_equal(given, same)
+
+
+@pytest.mark.parametrize(
+    ("game", "mates", "told"),
+    [
+        ({}, "shared", "see 35 numbers, in fights of 2 against 1 they would see 51: "),
+        (
+            {"observation": "nearest", "defenders": 3},
+            "own",
+            "with learn.mates = own each drone of 3",
+        ),
+        ({"observation": "nearest", "crash_rule": "grounded"}, "shared", "crash_rule = grounded"),
+    ],
+)
+def test_teams_in_which_a_run_cannot_fly_are_refused(game, mates, told):
+    config = replace(
+        CONFIG, game=replace(CONFIG.game, **game), learn=replace(CONFIG.learn, mates=mates)
+    )
+    with pytest.raises(UserError, match=told):
+        game_flown(config, Match(defenders=2))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,377 @@
+"""Teams of several sizes, everybody's defenders against everybody's attackers: the tables of
+docs/teams.md.
+
+    python experiments/team_fights.py [--runs runs/teams] [--fights 64]
+    python experiments/team_fights.py --table
+
+Takes the final policies of studies/teams.toml that are trained, scripted teams beside them, and flies
+every pair from the same starts at rest, in the size that they were trained in; and what was trained
+in the largest size also with one defender more than that, which nobody was trained for. What was
+counted is kept in studies/team_fights.jsonl, a line a pair; a pair that is there is not flown again.
+`--table` prints the tables of what is kept.
+
+A run's defenders do not meet attackers of its own seed, of whatever method, so that all methods'
+defenders meet the same attackers. An interval is Student's t over the seeds.
+"""
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import variants
+
+STUDY = Path(__file__).parent / "studies" / "teams.toml"
+KEPT = STUDY.with_name("team_fights.jsonl")
+SIZES = ((1, 1), (2, 1), (2, 2), (3, 2))  # defenders, attackers
+UNSEEN = (4, 2)
+TRAINED_FOR_UNSEEN = (3, 2)
+METHODS = {"ippo": "IPPO", "mappo": "MAPPO", "strong": "strong"}
+SCRIPTED = {"assigned_navigation": "navigation, assigned"}  # of the defenders
+ATTACKERS = ("dash", "weave", "pincer", "decoy")
+SCRIPTED_OF = (tuple(SCRIPTED), ATTACKERS)  # by side
+TOUCH = 0.1  # m between team mates that both fly
+NAMED = re.compile(r"(?P<method>\w+)-(?P<defenders>\d)v(?P<attackers>\d)/(?P<seed>\d+)")
+
+
+class Pair(NamedTuple):
+    """Who meets whom: runs as VARIANT/SEED, or the names of scripted pilots."""
+
+    size: tuple[int, int]
+    defender: str
+    attacker: str
+
+    @property
+    def key(self) -> str:
+        """Of its line."""
+        return f"{spelt(self.size)} {self.defender} {self.attacker}"
+
+
+class Fights(NamedTuple):
+    """E recorded fights of D defenders and M attackers, T control steps of `control_dt` seconds."""
+
+    position: NDArray[np.float32]  # [T + 1, E, D + M, 3] m
+    crashed: NDArray[np.bool_]  # [T + 1, E, D + M], by then, not struck
+    struck: NDArray[np.bool_]  # [T + 1, E, D + M], by then
+    cause: NDArray[np.int32]  # [E] a `types.Cause`
+    steps: NDArray[np.int32]  # [E] until the fight's end
+    defenders: int
+    control_dt: float
+
+
+def spelt(size: tuple[int, int]) -> str:
+    """Such as 3v2."""
+    return f"{size[0]}v{size[1]}"
+
+
+def counted(fights: Fights) -> dict[str, Any]:
+    """What a pair came to: shares of its fights, seconds, and how defenders shared the work."""
+    from dronecombat_jax.types import Cause
+
+    caught = fights.cause == Cause.INTERCEPT
+    length = len(fights.position) - 1
+    seconds = np.where(caught, fights.steps, length) * fights.control_dt
+    crashed = fights.crashed[-1]
+    strikes = strikes_by(fights)
+    return {
+        "fights": len(caught),
+        "intercepted": float(caught.mean()),
+        "reached": float((fights.cause == Cause.REACHED).mean()),
+        "defenders_crashed": float(crashed[:, : fights.defenders].mean()),
+        "attackers_crashed": float(crashed[:, fights.defenders :].mean()),
+        "mates_touched": touched(fights),
+        "seconds": float(seconds.mean()),  # without an interception: to the end of time
+        "rho": float(1.0 - seconds.mean() / (length * fights.control_dt)),
+        "busiest": float(strikes.max() / strikes.sum()) if strikes.sum() else None,
+        "divided": divided(fights),
+    }
+
+
+def strikes_by(fights: Fights) -> NDArray[np.int64]:
+    """How many attackers each defender took out, [D]: the one that was nearest when it happened."""
+    strikes = np.zeros(fights.defenders, int)
+    new = fights.struck[1:, :, fights.defenders :] & ~fights.struck[:-1, :, fights.defenders :]
+    for step, fight, attacker in np.argwhere(new):
+        now = fights.position[step + 1, fight]
+        away = np.linalg.norm(now[: fights.defenders] - now[fights.defenders + attacker], axis=-1)
+        down = (fights.crashed | fights.struck)[step, fight, : fights.defenders]
+        strikes[np.argmin(np.where(down, np.inf, away))] += 1
+    return strikes
+
+
+def touched(fights: Fights) -> float:
+    """Share of fights in which two defenders that both fly come within `TOUCH`."""
+    close = np.zeros(len(fights.cause), bool)
+    flies = _flies(fights)[..., : fights.defenders]
+    for one in range(fights.defenders):
+        for other in range(one):
+            apart = np.linalg.norm(
+                fights.position[:, :, one] - fights.position[:, :, other], axis=-1
+            )
+            close |= np.any((apart < TOUCH) & flies[..., one] & flies[..., other], axis=0)
+    return float(close.mean())
+
+
+def divided(fights: Fights) -> float | None:
+    """Of the steps in which two defenders and two attackers or more fly: the share in which every
+    attacker is the nearest one of some defender. None where there are no such steps.
+    """
+    flies, count = _flies(fights), fights.defenders
+    defend, attack = flies[..., :count], flies[..., count:]
+    here = (defend.sum(axis=-1) >= 2) & (attack.sum(axis=-1) >= 2)
+    if not here.any():
+        return None
+    way = fights.position[:, :, :count, None] - fights.position[:, :, None, count:]
+    away = np.where(attack[:, :, None], np.linalg.norm(way, axis=-1), np.inf)
+    nearest = np.argmin(away, axis=-1)  # [T + 1, E, D]
+    minded = [np.any((nearest == each) & defend, axis=-1) for each in range(attack.shape[-1])]
+    covered = np.all(np.stack(minded, axis=-1) | ~attack, axis=-1)
+    return float(covered[here].mean())
+
+
+def _flies(fights: Fights) -> NDArray[np.bool_]:
+    """Who flies, [T + 1, E, D + M]: not down, and the fight not over."""
+    under_way = np.arange(len(fights.position))[:, None] <= fights.steps
+    return under_way[..., None] & ~fights.crashed & ~fights.struck
+
+
+def pairs_of(runs: Iterable[str]) -> list[Pair]:
+    """Who meets whom of the finished `runs`, VARIANT/SEED: see the module's words."""
+    pairs = []
+    for size, trained in [*((size, size) for size in SIZES), (UNSEEN, TRAINED_FOR_UNSEEN)]:
+        own = [run for run in runs if run.partition("/")[0].endswith(f"-{spelt(trained)}")]
+        for defender in [*own, *SCRIPTED]:
+            met = [run for run in own if _seed(run) != _seed(defender)]
+            pairs += [Pair(size, defender, attacker) for attacker in [*met, *ATTACKERS]]
+    return pairs
+
+
+def _seed(name: str) -> str | None:
+    match = NAMED.fullmatch(name)
+    return match and match["seed"]
+
+
+def tables(lines: Sequence[dict[str, Any]]) -> str:
+    """All tables, Markdown."""
+    by_size = {
+        spelt(size): [x for x in lines if x["size"] == spelt(size)] for size in (*SIZES, UNSEEN)
+    }
+    columns = [*METHODS, *SCRIPTED]
+    heads = [*METHODS.values(), *SCRIPTED.values()]
+    parts = []
+    for title, learned in (("trained attackers", True), ("scripted attackers", False)):
+        rows = [_row(["defenders v attackers", *heads]), _row(["---"] * (1 + len(heads)))]
+        for size, own in by_size.items():
+            met = [x for x in own if (_seed(x["attacker"]) is not None) == learned]
+            cells = [_cell(met, who, "intercepted", 100.0) for who in columns]
+            rows.append(_row([size + (" (unseen)" if size == spelt(UNSEEN) else ""), *cells]))
+        parts.append("\n".join([f"Interceptions, in per cent of the fights, {title}:", "", *rows]))
+    kinds = {
+        "reached": ("target reached, %", 100.0),
+        "defenders_crashed": ("defenders crashed, %", 100.0),
+        "mates_touched": (f"mates within {TOUCH:g} m, % of fights", 100.0),
+        "seconds": ("seconds", 1.0),
+        "rho": ("rho", 1.0),
+        "busiest": ("strikes of the busiest, %", 100.0),
+        "divided": ("every attacker minded, % of steps", 100.0),
+    }
+    heads = ["defenders v attackers", "defenders", *(text for text, _ in kinds.values())]
+    rows = [_row(heads), _row(["---"] * len(heads))]
+    for size, own in by_size.items():
+        met = [x for x in own if _seed(x["attacker"]) is not None]
+        for who, title in {**METHODS, **SCRIPTED}.items():
+            cells = [_cell(met, who, kind, times) for kind, (_, times) in kinds.items()]
+            rows.append(_row([size, title, *cells]))
+    parts.append("\n".join(["The same fights against trained attackers:", "", *rows]))
+    return "\n\n".join(parts)
+
+
+def _cell(lines: Sequence[dict[str, Any]], who: str, kind: str, times: float) -> str:
+    """Mean over seeds of the defenders `who`, of a scripted team over the attackers' seeds, and the
+    half-width of its 95 % interval.
+    """
+    by_seed: dict[str | None, list[float]] = {}
+    for line in lines:
+        own = NAMED.fullmatch(line["defender"])
+        if (own["method"] if own else line["defender"]) != who or line[kind] is None:
+            continue
+        seed = own["seed"] if own else _seed(line["attacker"]) or line["attacker"]
+        by_seed.setdefault(seed, []).append(times * line[kind])
+    values = [float(np.mean(each)) for each in by_seed.values()]
+    digits = 0 if times > 1.0 else 2
+    if not values:
+        return ""
+    if len(values) == 1:
+        return f"{values[0]:.{digits}f}"
+    half = stats.sem(values) * stats.t.ppf(0.975, len(values) - 1)
+    return f"{np.mean(values):.{digits}f} ± {half:.{digits}f}"
+
+
+def _row(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """The lines that are kept. SystemExit, one line, for a file that cannot be read."""
+    try:
+        return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    except (OSError, ValueError) as error:
+        raise SystemExit(f"{path}: {error}") from None
+
+
+def finished(study: variants.Study, root: Path) -> dict[str, Path]:
+    """The folders of the study's runs that are whole, by VARIANT/SEED."""
+    return {
+        f"{variant.name}/{seed}": folder
+        for variant in study.variants
+        for seed in variant.seeds
+        if (folder := variant.folder(root, seed)).joinpath("measured.json").exists()
+    }
+
+
+class Flyer:
+    """Flies pairs; what they share is read and compiled once."""
+
+    def __init__(self, folders: dict[str, Path], fights: int, seed: int):
+        self.folders, self.fights, self.seed = folders, fights, seed
+        self._runs: dict[str, Any] = {}
+        self._programs: dict[Any, Any] = {}
+
+    def _run(self, name: str) -> Any:
+        from dronecombat_jax.runs.evaluation import load_run
+
+        if name not in self._runs:
+            self._runs[name] = load_run(self.folders[name])
+        return self._runs[name]
+
+    def fly(self, pair: Pair) -> Fights:
+        """All fights of a pair."""
+        import jax
+
+        from dronecombat_jax.runs.evaluation import policies
+
+        given = [
+            policies(self._run(name), 0)[side]
+            if name in self.folders
+            else SCRIPTED_OF[side].index(name)
+            for side, name in enumerate((pair.defender, pair.attacker))
+        ]
+        like = next((name for name in (pair.defender, pair.attacker) if name in self.folders), "")
+        scripted = tuple(isinstance(each, int) for each in given)
+        return _as_fights(
+            pair.size, jax.device_get(self._program(pair.size, scripted, like)(*given))
+        )
+
+    def _program(self, size: tuple[int, int], scripted: tuple[bool, ...], like: str) -> Any:
+        """A compiled function of both sides' policies, a number of `SCRIPTED_OF` in the place of a
+        scripted team; the game is that of the run `like`.
+        """
+        import jax
+        import jax.numpy as jnp
+
+        from dronecombat_jax.arena.match import policy_team, record, scripted_team, start_fights
+        from dronecombat_jax.combat.env import Combat
+        from dronecombat_jax.combat.scripted import one_per_fight
+        from dronecombat_jax.config import settings
+        from dronecombat_jax.runs.evaluation import Match, game_flown
+
+        if (size, scripted) in self._programs:
+            return self._programs[size, scripted]
+        rules = {"game.defenders": size[0], "game.attackers": size[1]}
+        config = self._run(like).config if like else settings.load("duel", rules)
+        config = game_flown(config, Match(defenders=size[0], attackers=size[1]))
+        combat = Combat(config)
+
+        def side(policy: Any, role: int) -> Any:
+            if not scripted[role]:
+                return policy_team(config, config.learn, policy, role)
+            teams = [scripted_team(combat, name, role) for name in SCRIPTED_OF[role]]
+            which = jnp.full(self.fights, policy)
+            return [one_per_fight(pilots, which) for pilots in zip(*teams, strict=True)]
+
+        def fly(defender: Any, attacker: Any) -> Any:
+            start_key, fight_key = jax.random.split(jax.random.key(self.seed))
+            start = start_fights(combat, start_key, self.fights)
+            teams = side(defender, 0), side(attacker, 1)
+            return record(combat, *teams, start, fight_key), config.control_dt
+
+        self._programs[size, scripted] = jax.jit(fly)
+        return self._programs[size, scripted]
+
+
+def _as_fights(size: tuple[int, int], flown: Any) -> Fights:
+    """A record of `arena.match` as this file counts it."""
+    from dronecombat_jax.types import Cause
+
+    record, control_dt = flown
+    drones = sum(size)
+    path = np.concatenate([record.start.qpos[None], record.qpos])
+    position = path.reshape(*path.shape[:2], drones, 7)[..., :3]
+    steps = np.arange(len(path))[:, None]
+    over = steps >= record.result.steps  # [T + 1, E]
+    caught = record.result.cause == Cause.INTERCEPT
+    if record.struck is None:  # a duel: one strike, which ends it
+        attacker = np.arange(drones) >= size[0]
+        struck = (over & caught)[..., None] & attacker
+        crashed = over[..., None] & record.result.down & ~struck
+    else:
+        fallen = np.concatenate([record.start.down[None], record.down])
+        struck = np.concatenate([record.start.struck[None], record.struck])
+        crashed = fallen & ~struck
+    return Fights(
+        position,
+        crashed,
+        struck,
+        record.result.cause,
+        record.result.steps,
+        size[0],
+        float(control_dt),
+    )
+
+
+def main() -> int:
+    """Fly what is missing, print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--runs", type=Path, default=Path("runs/teams"), help="the study's runs")
+    parser.add_argument("--fights", type=int, default=64, help="of a pair (%(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the starts (%(default)s)")
+    parser.add_argument("--table", action="store_true", help="fly nothing, print what is kept")
+    flags = parser.parse_args()
+    lines = read(KEPT)
+    if not flags.table:
+        from dronecombat_jax.machine import backend
+
+        backend.prepare("cpu")
+        folders = finished(variants.read_study(STUDY), flags.runs)
+        flyer, known = Flyer(folders, flags.fights, flags.seed), {line["pair"] for line in lines}
+        with KEPT.open("a") as kept:
+            for pair in pairs_of(folders):
+                if pair.key in known:
+                    continue
+                about = {
+                    "pair": pair.key,
+                    "size": spelt(pair.size),
+                    "defender": pair.defender,
+                    "attacker": pair.attacker,
+                }
+                lines.append(about | counted(flyer.fly(pair)))
+                kept.write(json.dumps(lines[-1]) + "\n")
+                kept.flush()
+                print(pair.key, f"{lines[-1]['intercepted']:.2f}", flush=True)
+    print(tables(lines))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

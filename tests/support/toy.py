@@ -61,7 +61,7 @@ def build(config: Config, iterations: int, cast: Cast | None = None) -> SimpleNa
     start = jax.jit(lambda: init_state(combat), compiler_options=UNOPTIMISED)
     with jax.debug_key_reuse(True):
         return SimpleNamespace(
-            run=_checked(program), start=start(), traces=traces, combat=combat, advance=advance
+            run=_checked(program), start=jax.device_get(start()), traces=traces, combat=combat, advance=advance
         )
 
 
@@ -79,11 +79,13 @@ def two_chunks(config: Config) -> SimpleNamespace:
 
 
 def _checked(program):
-    """Every call under the check that no random key is used twice."""
+    """Every call under the check that no random key is used twice; NumPy leaves, of which a test can
+    pick without a program for each pick.
+    """
 
     def run(state: TrainState):
         with jax.debug_key_reuse(True):
-            return program(state)
+            return jax.device_get(program(state))
 
     return run
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dronecombat_jax.analysis.behaviour import Flight, flight
 from dronecombat_jax.analysis.result import Entrant, by_training
 from dronecombat_jax.arena.lanes import start_states
-from dronecombat_jax.arena.match import policy_pilot, record
+from dronecombat_jax.arena.match import policy_team, record
 from dronecombat_jax.arena.players import Player
 from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.combat.env import Combat
@@ -28,15 +28,15 @@ from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import write_atomic
-from dronecombat_jax.learn.mates import only
-from dronecombat_jax.types import ATTACKER, DEFENDER, FightRecord, Policy
+from dronecombat_jax.learn.mates import Both
+from dronecombat_jax.types import ATTACKER, DEFENDER, FightRecord
 
 FLIGHTS_NAME = "flights.json"
 
 
 class Flown(NamedTuple):
     """Means over a pair's recorded fights; NaN where nothing was measured. Pairs of numbers:
-    defender, attacker.
+    defender, attacker, of teams as `analysis.behaviour.Flight` says.
     """
 
     run: str  # `Entrant.lineage`
@@ -65,16 +65,18 @@ def record_flights(
     key = jax.random.key(rules.seed)
 
     @partial(jax.jit, static_argnums=0)
-    def fly(normalize: tuple[bool, bool], defender: Policy, attacker: Policy) -> FightRecord:
-        learn = [LearnConfig(normalize_observations=normalized) for normalized in normalize]
-        first = policy_pilot(learn[DEFENDER], defender, DEFENDER, rules.stochastic)
-        return record(
-            combat,
-            first,
-            policy_pilot(learn[ATTACKER], attacker, ATTACKER, rules.stochastic),
-            starts,
-            key,
-        )
+    def fly(normalize: tuple[bool, bool], both: Both) -> FightRecord:
+        teams = [
+            policy_team(
+                combat.config,
+                LearnConfig(normalize_observations=normalize[role]),
+                both[role],
+                role,
+                rules.stochastic,
+            )
+            for role in (DEFENDER, ATTACKER)
+        ]
+        return record(combat, *teams, starts, key)
 
     known: dict[tuple[int, int], Flight] = {}
     flown = []
@@ -87,9 +89,12 @@ def record_flights(
         ):
             continue
         if pair not in known:  # a policy that a chunk did not change flies as before
-            pilots = only(defender.pilot, "a recording"), only(attacker.pilot, "a recording")
-            flights = fly((defender.normalize, attacker.normalize), *pilots)
-            known[pair] = flight(jax.device_get(flights), combat.config.control_dt)
+            flights = fly(
+                (defender.normalize, attacker.normalize), (defender.pilot, attacker.pilot)
+            )
+            known[pair] = flight(
+                jax.device_get(flights), combat.config.control_dt, combat.config.game.sides
+            )
         flown.append(_summary(entrant, known[pair]))
     return flown
 

@@ -23,7 +23,6 @@ from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import digest_of, environment
 from dronecombat_jax.combat.rules import outcome_table
-from dronecombat_jax.config.sides import DUEL, spelt
 from dronecombat_jax.config.starts import AS_TRAINED
 from dronecombat_jax.errors import EXIT_STOPPED, EXIT_TOURNAMENT
 from dronecombat_jax.files.atomic import cannot_write, sweep
@@ -98,9 +97,7 @@ def tournament(
         players = [[seat.player for seat in side] for side in field.seats]
         if not fly(folder.name, combat, players, rules, grid):
             return EXIT_STOPPED
-        if flights and combat.config.game.sides != DUEL:
-            print(f"no fight is recorded: {spelt(combat.config.game.sides)} fly", flush=True)
-        elif flights:
+        if flights:
             print(
                 f"recording {flights} fights of each run's two sides of one chunk ...", flush=True
             )

@@ -75,3 +75,30 @@ def test_a_chase_from_behind_closes_slowly_and_a_drone_at_rest_has_no_angle():
     np.testing.assert_allclose(told.approach_angle, [0.0])
     still = flight(record(behind, ahead, [[0, 3, 0], [0, 0, 0]], steps=1), CONTROL_DT)
     assert np.isnan(still.approach_angle).all()
+
+
+def test_a_team_is_the_mean_over_its_drones_each_as_long_as_it_flies():
+    """Two defenders, the second down after one step of two at full thrust, one attacker that rests;
+    the second is nearest to it at the end and lies still there.
+    """
+    position = np.zeros((3, 1, 3, 3))
+    position[:, 0, 0] = [[0, 0, 1], [0, 0, 3], [0, 0, 5]]
+    position[:, 0, 1] = [[9, 3, 2], [9, 0, 2], [9, 9, 9]]  # must not count once it is down
+    position[:, 0, 2] = [[9, 5, 4]] * 3
+    qpos = np.concatenate([position, np.zeros((3, 1, 3, 4))], axis=-1).reshape(3, 1, 21)
+    qvel = np.zeros((2, 1, 3, 6))
+    qvel[:, 0, 0, 2], qvel[:, 0, 1, 1] = 4.0, 2.0
+    qvel = qvel.reshape(2, 1, 18)
+    action = np.full((2, 1, 3, 4), 0.5)
+    action[0, 0, 1], action[1, 0, 1] = 1.0, 9.0
+    down = np.array([[[False, True, False]], [[False, True, False]]])
+    start = EnvState(qpos=qpos[0], qvel=qvel[0], target=None, clock=None, down=down[0] & False)
+    result = FightResult(np.array([1]), np.array([2]), None)
+    fights = FightRecord(qpos[1:], qvel, action, start, result, down, down & False)
+    seen = flight(fights, CONTROL_DT, (0, 0, 1))
+    np.testing.assert_allclose(seen.altitude, [[(4.0 + 2.0) / 2, 4.0]])
+    np.testing.assert_allclose(seen.lowest, [[1.0, 4.0]])
+    np.testing.assert_allclose(seen.path_ratio, [[1.0, NAN]])
+    np.testing.assert_allclose(seen.control_effort, [[(1.0 + 4.0) / 2, 1.0]])
+    # From the second defender, at the end, (0, -4, -5) m to the attacker, and it flies 2 m/s along y.
+    np.testing.assert_allclose(seen.closing_speed, [-2.0 * 4.0 / np.sqrt(41.0)])

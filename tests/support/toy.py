@@ -61,7 +61,11 @@ def build(config: Config, iterations: int, cast: Cast | None = None) -> SimpleNa
     start = jax.jit(lambda: init_state(combat), compiler_options=UNOPTIMISED)
     with jax.debug_key_reuse(True):
         return SimpleNamespace(
-            run=_checked(program), start=jax.device_get(start()), traces=traces, combat=combat, advance=advance
+            run=_checked(program),
+            start=jax.device_get(start()),
+            traces=traces,
+            combat=combat,
+            advance=advance,
         )
 
 

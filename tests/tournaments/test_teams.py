@@ -15,6 +15,7 @@ from dronecombat_jax.policies.file import save_policy
 from dronecombat_jax.runs.evaluation import load_run
 from dronecombat_jax.runs.export import policy_of_run
 from dronecombat_jax.tournaments.entrants import read_field
+from dronecombat_jax.tournaments.flights import load_flights
 from dronecombat_jax.tournaments.result_file import load_result
 from dronecombat_jax.types import Cause, Policy, TeamPolicy
 
@@ -24,18 +25,19 @@ def of(defenders: int, attackers: int) -> Config:
     return replace(TOY, game=game)
 
 
-def test_two_runs_of_two_against_one_and_scripted_teams(
-    place: SimpleNamespace, tmp_path: Path, capsys
-):
+def test_two_runs_of_two_against_one_and_scripted_teams(place: SimpleNamespace, tmp_path: Path):
     first, second = (
         write_run(tmp_path / name, of(2, 1), chunks=1, seed=seed)
         for seed, name in enumerate(("first", "second"))
     )
-    assert place.fly(first, second, "scripted:all", flights=1) == 0
+    assert place.fly(first, second, "scripted:all", flights=3) == 0
     result = load_result(place.folder)
     assert result.played.all() and result.played.shape == (2 + 4, 2 + 3)
     assert len(np.unique(result.cause)) >= 2 and np.all(result.cause != Cause.NONE)
-    assert "no fight is recorded: 2 against 1 fly" in capsys.readouterr().out
+    assert [(row.run, row.chunk, row.fights) for row in load_flights(place.folder)] == [
+        ("first#4", 1, 3),
+        ("second#4", 1, 3),
+    ]
 
 
 def test_a_team_with_a_policy_each_is_one_entrant_and_flown_mate_by_mate(

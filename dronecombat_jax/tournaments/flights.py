@@ -76,7 +76,7 @@ def record_flights(
             )
             for role in (DEFENDER, ATTACKER)
         ]
-        return record(combat, *teams, starts, key)
+        return record(combat, teams[DEFENDER], teams[ATTACKER], starts, key)
 
     known: dict[tuple[int, int], Flight] = {}
     flown = []

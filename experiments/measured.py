@@ -163,8 +163,13 @@ def _from(runs: Sequence[dict[str, Any]]) -> str:
 def _spread(values: Sequence[float]) -> str:
     if len(values) == 1:
         return f"{values[0]:.2f}"
-    half = stats.sem(values) * stats.t.ppf(0.975, len(values) - 1)
+    half = half_width(values)
     return f"{np.mean(values):.2f} ± {half:.2f} ({min(values):.2f} to {max(values):.2f})"
+
+
+def half_width(values: Sequence[float]) -> float:
+    """Of the 95 % interval of a mean over two seeds or more, by Student's t."""
+    return float(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1))
 
 
 def _line(cells: Sequence[str]) -> str:

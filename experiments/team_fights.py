@@ -24,10 +24,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import measured
 import variants
 
 STUDY = Path(__file__).parent / "studies" / "teams.toml"
@@ -212,8 +212,7 @@ def _cell(lines: Sequence[dict[str, Any]], who: str, kind: str, times: float) ->
         return ""
     if len(values) == 1:
         return f"{values[0]:.{digits}f}"
-    half = stats.sem(values) * stats.t.ppf(0.975, len(values) - 1)
-    return f"{np.mean(values):.{digits}f} ± {half:.{digits}f}"
+    return f"{np.mean(values):.{digits}f} ± {measured.half_width(values):.{digits}f}"
 
 
 def _row(cells: Iterable[str]) -> str:

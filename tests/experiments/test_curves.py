@@ -3,16 +3,12 @@
 import sys
 from pathlib import Path
 
+import curves
+import measured
 import numpy as np
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "experiments"))
-
-import curves  # noqa: E402
-import measured  # noqa: E402
-import variants  # noqa: E402
-from kept import Kept  # noqa: E402
+import variants
+from kept import Kept
 
 STUDY = """
 preset = "smoke"

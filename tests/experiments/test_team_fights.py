@@ -2,18 +2,13 @@
 
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+import team_fights
+import variants
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "experiments"))
-
-import team_fights  # noqa: E402
-import variants  # noqa: E402
-
-from dronecombat_jax.types import Cause  # noqa: E402
+from dronecombat_jax.types import Cause
 
 
 def planted() -> team_fights.Fights:

@@ -6,17 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import measured
 import pytest
+import variants
+from kept import Kept
 
 from dronecombat_jax.config import settings
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "experiments"))
-
-import measured  # noqa: E402
-import variants  # noqa: E402
-from kept import Kept  # noqa: E402
-
 STUDY = """
 preset = "smoke"
 steps = 9_000

@@ -204,7 +204,7 @@ def _cell(lines: Sequence[dict[str, Any]], who: str, kind: str, times: float) ->
         own = NAMED.fullmatch(line["defender"])
         if (own["method"] if own else line["defender"]) != who or line[kind] is None:
             continue
-        seed = own["seed"] if own else _seed(line["attacker"]) or line["attacker"]
+        seed = own["seed"] if own else _seed(line["attacker"])
         by_seed.setdefault(seed, []).append(times * line[kind])
     values = [float(np.mean(each)) for each in by_seed.values()]
     digits = 0 if times > 1.0 else 2

@@ -8,11 +8,16 @@ stdout as Markdown; docs/learnability.md shows both.
 """
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import measured
 
 from dronecombat_jax.files import metrics
 from dronecombat_jax.report.figures import OUTCOMES, ROLE_COLOURS
@@ -52,9 +57,9 @@ def main() -> None:
             (f"{label}/{seed}", part) for label, records in read for seed, part in by_seed(records)
         ]
     print(
-        "| run | steps | intercepted | target reached | time-out | defender crashed | attacker crashed | fight |"
+        "| run | steps | both fight from | intercepted | target reached | time-out | defender crashed | attacker crashed | fight |"
     )
-    print("|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|")
     for label, records in read:
         print(last_tenth(label, records))
     if flags.out:
@@ -68,8 +73,8 @@ def by_seed(records: Sequence[dict[str, Any]]) -> list[tuple[int, list[dict[str,
 
 
 def last_tenth(label: str, records: Sequence[dict[str, Any]]) -> str:
-    """One row of the table: shares of the fights that ended in the last tenth of the steps, all
-    seeds together.
+    """One row of the table: from when both sides fight, and shares of the fights that ended in the last
+    tenth of the steps, all seeds together.
     """
     end = records[-1]["steps"]
     late = [record for record in records if record["steps"] > 0.9 * end]
@@ -81,7 +86,9 @@ def last_tenth(label: str, records: Sequence[dict[str, Any]]) -> str:
         "crash/attacker",
     )
     shares = " | ".join(f"{_mean(late, name):.2f}" for name in names)
-    return f"| {label} | {end / 1e6:.1f} M | {shares} | {_mean(late, 'episode_steps'):.0f} steps |"
+    since = measured.fights_from(records)
+    begins = "never" if since is None else f"{since / 1e6:.0f} M"
+    return f"| {label} | {end / 1e6:.1f} M | {begins} | {shares} | {_mean(late, 'episode_steps'):.0f} steps |"
 
 
 def binned(label: str, records: Sequence[dict[str, Any]]) -> Shares:

@@ -43,10 +43,12 @@ def test_a_panel_has_each_seed_and_their_mean(study):
     (ax,) = curves.draw([(title, runs)]).axes
     drawn = [line for line in ax.lines if line.get_color() == curves.LINES["intercepted"][0]]
     solid = [line for line in drawn if line.get_linestyle() == "-"]
-    np.testing.assert_allclose(solid[0].get_ydata(), [np.nan, 0.2, 0.6])
-    np.testing.assert_allclose(solid[1].get_ydata(), [0.0, 0.4])
-    np.testing.assert_allclose(solid[2].get_ydata(), [np.nan, 0.3])  # as long as the shorter one
-    np.testing.assert_allclose(solid[0].get_xdata(), [0.5, 1.5, 2.5])
+    np.testing.assert_allclose(np.asarray(solid[0].get_ydata()), [np.nan, 0.2, 0.6])
+    np.testing.assert_allclose(np.asarray(solid[1].get_ydata()), [0.0, 0.4])
+    np.testing.assert_allclose(
+        np.asarray(solid[2].get_ydata()), [np.nan, 0.3]
+    )  # as long as the shorter one
+    np.testing.assert_allclose(np.asarray(solid[0].get_xdata()), [0.5, 1.5, 2.5])
 
 
 def test_the_command_draws_and_says_where_there_is_nothing(study, monkeypatch, capsys):

@@ -27,15 +27,19 @@ def test_evaluate_takes_a_folder_or_a_name_in_runs(rooms, tmp_path):
                 "--seed",
                 "9",
                 "--stochastic",
+                "--defenders",
+                "4",
+                "--attackers",
+                "2",
             ]
         )
         == 0
     )
     assert rooms.calls == [
         ("prepare", "auto", 1),
-        ("evaluate", Path("runs/mine"), ("match", 0, 0, False, "", "", ""), None),
+        ("evaluate", Path("runs/mine"), ("match", 0, 0, False, "", "", "", 0, 0), None),
         ("prepare", "auto", 1),
-        ("evaluate", Path("elsewhere"), ("match", 3, 9, True, "", "", ""), 0),
+        ("evaluate", Path("elsewhere"), ("match", 3, 9, True, "", "", "", 4, 2), 0),
     ]
 
 
@@ -45,7 +49,7 @@ def test_evaluate_puts_a_scripted_pilot_in_one_place(rooms, tmp_path):
     assert rooms.calls[1] == (
         "evaluate",
         Path("runs/mine"),
-        ("match", 0, 0, False, "", "dash", "fixed"),
+        ("match", 0, 0, False, "", "dash", "fixed", 0, 0),
         None,
     )
 
@@ -57,6 +61,7 @@ def test_evaluate_puts_a_scripted_pilot_in_one_place(rooms, tmp_path):
         ("minr", EXIT_DATA, "minr: no such run; did you mean mine?"),
         ("zzzz", EXIT_DATA, "zzzz: no such run; runs there are: mine"),
         ("x" * 999, EXIT_DATA, "no such run"),
+        ("mine --defenders 9", EXIT_CONFIG, "--defenders 9: must be an integer from 0 to 8"),
         ("mine --fights -1", EXIT_CONFIG, "--fights -1: must be an integer from 0 to 1000000"),
         ("mine --fights abc", EXIT_CONFIG, "--fights abc: must be an integer from 0 to 1000000"),
         ("mine --fight 3", EXIT_CONFIG, "--fight: unknown flag; did you mean --fights?"),

@@ -17,6 +17,7 @@ from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import stands_for
+from dronecombat_jax.config.preflight import problems
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.config.sides import drone_names, spelt, team
 from dronecombat_jax.config.starts import with_starts
@@ -180,11 +181,10 @@ def game_flown(config: Config, match: Match) -> Config:
             f"with learn.mates = own each drone of {spelt(trained.sides)} has a policy, and nobody "
             f"has one for fights of {spelt(game.sides)}"
         )
-    if game.crash_rule == "grounded":
-        raise UserError(
-            "game.crash_rule = grounded is for one drone a side: ends or out is allowed"
-        )
-    return replace(config, game=game)
+    flown, known = replace(config, game=game), problems(config)
+    if broken := [problem for problem in problems(flown) if problem not in known]:
+        raise UserError(broken[0].message)
+    return flown
 
 
 def summary(config: Config, result: FightResult) -> dict[str, Any]:

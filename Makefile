@@ -15,7 +15,7 @@ install = echo "installing packages into $(1); what pip says is in $(1)/install.
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help train-ippo train-sippo tournament report reproduce replay play notebooks docs test test-quick test-tour test-slow check format bench bench-scaling bench-peers clean
+.PHONY: help train-ippo train-sippo tournament report reproduce replay play notebooks docs test test-quick test-long test-tour test-slow check format bench bench-scaling bench-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -59,6 +59,9 @@ QUICK := tests/config tests/files tests/analysis tests/policies tests/combat tes
 	tests/selfplay/test_samplers.py tests/cli/test_commands.py tests/cli/test_run_commands.py tests/cli/test_program.py
 test-quick: $(VENV)/.dev ## the tests of the rooms that compile little, about a minute
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(QUICK) $(ARGS)
+
+test-long: $(VENV)/.dev ## trainings, tournaments and drones that are compiled for one test
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m long $(ARGS)
 
 test-tour: $(VENV)/.dev ## pages in a browser, notebooks, examples, a short training
 	$(BIN)/python -m pytest -n 2 -m tour $(ARGS)

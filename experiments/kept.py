@@ -28,6 +28,17 @@ def settings_of(preset: str, settings: dict[str, Any], steps: int) -> dict[str, 
     )
 
 
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """A file of JSON lines; none where it is not there. SystemExit, one line, for one that cannot
+    be read.
+    """
+    try:
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        return [json.loads(line) for line in text.splitlines()]
+    except (OSError, ValueError) as error:
+        raise SystemExit(f"{path}: {error}") from None
+
+
 class Kept:
     """The lines of one study. SystemExit, one line, for a file that cannot be read."""
 
@@ -36,11 +47,7 @@ class Kept:
         self._lines = self._read()
 
     def _read(self) -> list[dict[str, Any]]:
-        try:
-            text = self.path.read_text(encoding="utf-8") if self.path.exists() else ""
-            return [json.loads(line) for line in text.splitlines()]
-        except (OSError, ValueError) as error:
-            raise SystemExit(f"{self.path}: {error}") from None
+        return read_lines(self.path)
 
     def find(self, variant: str, seed: int, settings: dict[str, Any]) -> dict[str, Any] | None:
         """The measures of a run; None where none is kept, or of other settings."""

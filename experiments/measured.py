@@ -10,7 +10,7 @@ figures; those of a run are kept in its measured.json. Bars: those of docs/learn
 import argparse
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -127,20 +127,23 @@ def markdown(rows: Sequence[tuple[str, str, list[dict[str, Any]]]]) -> str:
     pilots = [f"stops {spelt(name)}" for name in ATTACKERS]
     pilots += [f"past {spelt(name)}" for name in DEFENDERS]
     first, second = (
-        [_line(head), _line(["---"] * len(head))] for head in (ends, ["variant", *pilots])
+        [markdown_row(head), markdown_row(["---"] * len(head))]
+        for head in (ends, ["variant", *pilots])
     )
     for name, about, runs in rows:
         cells = [f"`{name}`" + (f": {about}" if about else "")]
         if not runs:
-            first.append(_line([*cells, "not run", *[""] * (len(ends) - 2)]))
+            first.append(markdown_row([*cells, "not run", *[""] * (len(ends) - 2)]))
             continue
         cells += [f"{sum(run['fights'] for run in runs)} of {len(runs)}", _from(runs)]
         first.append(
-            _line(cells + [_spread([run["shares"][share] for run in runs]) for share in NAMES])
+            markdown_row(
+                cells + [spread([run["shares"][share] for run in runs]) for share in NAMES]
+            )
         )
         opponents = (*ATTACKERS, *DEFENDERS)
-        fares = [_spread([run["against"][opponent] for run in runs]) for opponent in opponents]
-        second.append(_line([f"`{name}`", *fares]))
+        fares = [spread([run["against"][opponent] for run in runs]) for opponent in opponents]
+        second.append(markdown_row([f"`{name}`", *fares]))
     note = (
         "Mean over seeds, ± its 95 % interval by Student's t; in brackets the least and the most."
     )
@@ -160,11 +163,13 @@ def _from(runs: Sequence[dict[str, Any]]) -> str:
     return f"{shown(float(np.median(steps)))} ({shown(max(steps))})"
 
 
-def _spread(values: Sequence[float]) -> str:
+def spread(values: Sequence[float], digits: int = 2) -> str:
+    """Mean over seeds, ± its 95 % interval by Student's t; in brackets the least and the most."""
+    shown = lambda value: f"{value:.{digits}f}"
     if len(values) == 1:
-        return f"{values[0]:.2f}"
-    half = half_width(values)
-    return f"{np.mean(values):.2f} ± {half:.2f} ({min(values):.2f} to {max(values):.2f})"
+        return shown(values[0])
+    mean, half = shown(float(np.mean(values))), shown(half_width(values))
+    return f"{mean} ± {half} ({shown(min(values))} to {shown(max(values))})"
 
 
 def half_width(values: Sequence[float]) -> float:
@@ -172,7 +177,8 @@ def half_width(values: Sequence[float]) -> float:
     return float(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1))
 
 
-def _line(cells: Sequence[str]) -> str:
+def markdown_row(cells: Iterable[str]) -> str:
+    """A line of a Markdown table."""
     return "| " + " | ".join(cells) + " |"
 
 
@@ -199,7 +205,7 @@ def row(run: Path) -> str:
     cells = [run.name, _from([numbers]).partition(" ")[0]]
     cells += [f"{numbers['shares'][name]:.2f}" for name in NAMES]
     cells += [pairs(DEFENDERS[:2]), pairs(ATTACKERS), pairs(DEFENDERS[2:])]
-    return _line([*cells, ", ".join(f"{share:.2f}" for share in rest)])
+    return markdown_row([*cells, ", ".join(f"{share:.2f}" for share in rest)])
 
 
 def main() -> None:
@@ -211,7 +217,7 @@ def main() -> None:
     head += [f"stops {listed(ATTACKERS)}", f"past {listed(DEFENDERS[2:])}"]
     head.append("each other at rest: intercepted, reached")
     rows = [row(run) for run in parser.parse_args().runs]
-    print("\n".join([_line(head), _line(["---"] * len(head)), *rows]))
+    print("\n".join([markdown_row(head), markdown_row(["---"] * len(head)), *rows]))
 
 
 if __name__ == "__main__":

@@ -29,6 +29,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import measured
 import variants
+from kept import read_lines
+from measured import markdown_row
 
 STUDY = Path(__file__).parent / "studies" / "teams.toml"
 KEPT = STUDY.with_name("team_fights.jsonl")
@@ -169,11 +171,16 @@ def tables(lines: Sequence[dict[str, Any]]) -> str:
     heads = [*METHODS.values(), *SCRIPTED.values()]
     parts = []
     for title, learned in (("trained attackers", True), ("scripted attackers", False)):
-        rows = [_row(["defenders v attackers", *heads]), _row(["---"] * (1 + len(heads)))]
+        rows = [
+            markdown_row(["defenders v attackers", *heads]),
+            markdown_row(["---"] * (1 + len(heads))),
+        ]
         for size, own in by_size.items():
             met = [x for x in own if (_seed(x["attacker"]) is not None) == learned]
             cells = [_cell(met, who, "intercepted", 100.0) for who in columns]
-            rows.append(_row([size + (" (unseen)" if size == spelt(UNSEEN) else ""), *cells]))
+            rows.append(
+                markdown_row([size + (" (unseen)" if size == spelt(UNSEEN) else ""), *cells])
+            )
         parts.append("\n".join([f"Interceptions, in per cent of the fights, {title}:", "", *rows]))
     kinds = {
         "reached": ("target reached, %", 100.0),
@@ -185,12 +192,12 @@ def tables(lines: Sequence[dict[str, Any]]) -> str:
         "divided": ("every attacker minded, % of steps", 100.0),
     }
     heads = ["defenders v attackers", "defenders", *(text for text, _ in kinds.values())]
-    rows = [_row(heads), _row(["---"] * len(heads))]
+    rows = [markdown_row(heads), markdown_row(["---"] * len(heads))]
     for size, own in by_size.items():
         met = [x for x in own if _seed(x["attacker"]) is not None]
         for who, title in {**METHODS, **SCRIPTED}.items():
             cells = [_cell(met, who, kind, times) for kind, (_, times) in kinds.items()]
-            rows.append(_row([size, title, *cells]))
+            rows.append(markdown_row([size, title, *cells]))
     parts.append("\n".join(["The same fights against trained attackers:", "", *rows]))
     return "\n\n".join(parts)
 
@@ -213,28 +220,6 @@ def _cell(lines: Sequence[dict[str, Any]], who: str, kind: str, times: float) ->
     if len(values) == 1:
         return f"{values[0]:.{digits}f}"
     return f"{np.mean(values):.{digits}f} ± {measured.half_width(values):.{digits}f}"
-
-
-def _row(cells: Iterable[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def read(path: Path) -> list[dict[str, Any]]:
-    """The lines that are kept. SystemExit, one line, for a file that cannot be read."""
-    try:
-        return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    except (OSError, ValueError) as error:
-        raise SystemExit(f"{path}: {error}") from None
-
-
-def finished(study: variants.Study, root: Path) -> dict[str, Path]:
-    """The folders of the study's runs that are whole, by VARIANT/SEED."""
-    return {
-        f"{variant.name}/{seed}": folder
-        for variant in study.variants
-        for seed in variant.seeds
-        if (folder := variant.folder(root, seed)).joinpath("measured.json").exists()
-    }
 
 
 class Flyer:
@@ -347,12 +332,17 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the starts (%(default)s)")
     parser.add_argument("--table", action="store_true", help="fly nothing, print what is kept")
     flags = parser.parse_args()
-    lines = read(KEPT)
+    lines = read_lines(KEPT)
     if not flags.table:
         from dronecombat_jax.machine import backend
 
         backend.prepare("cpu")
-        folders = finished(variants.read_study(STUDY), flags.runs)
+        folders = {
+            f"{name}/{seed}": folder
+            for (name, seed), folder in variants.whole(
+                variants.read_study(STUDY), flags.runs
+            ).items()
+        }
         flyer, known = Flyer(folders, flags.fights, flags.seed), {line["pair"] for line in lines}
         with KEPT.open("a") as kept:
             for pair in pairs_of(folders):

@@ -89,6 +89,16 @@ def read_study(path: Path) -> Study:
     return Study(path.stem, text.get("about", ""), tuple(variants))
 
 
+def whole(study: Study, root: Path) -> dict[tuple[str, int], Path]:
+    """The folders in `root` of the study's runs that are trained and measured, by variant and seed."""
+    return {
+        (variant.name, seed): folder
+        for variant in study.variants
+        for seed in variant.seeds
+        if (folder := variant.folder(root, seed)).joinpath("measured.json").exists()
+    }
+
+
 def command(variant: Variant, seed: int, root: Path) -> list[str]:
     """The training of one seed, as a command."""
     words = [sys.executable, "-m", "dronecombat_jax", "train", "--preset", variant.preset]

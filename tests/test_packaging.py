@@ -46,6 +46,7 @@ def names(folder: Path, pattern: str) -> set[str]:
     }
 
 
+@pytest.mark.long
 def test_the_wheel_holds_modules_scene_and_presets_and_nothing_else(wheel):
     package = wheel / "dronecombat_jax"
     assert names(package, "**/*.py") == names(ROOT / "dronecombat_jax", "**/*.py")

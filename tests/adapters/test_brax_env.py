@@ -106,6 +106,7 @@ def test_one_fight_in_braxs_own_wrappers_takes_keys_of_either_style():
 
 @pytest.mark.parametrize("observation", ["world", pytest.param("ego", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("role", [DEFENDER, ATTACKER])
+@pytest.mark.long
 def test_a_step_is_the_games_own_for_that_role(role: int, observation: str):
     env = make(role, wander, observation=observation)
     combat, batch = env.combat, jitted(VmapWrapper(env))

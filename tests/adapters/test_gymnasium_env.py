@@ -54,6 +54,7 @@ def until_an_end(env, plan: np.ndarray) -> tuple:
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("role", [DEFENDER, ATTACKER])
+@pytest.mark.long
 def test_each_step_is_the_cores(duel: Combat, role: int, mode: str):
     env = CombatVectorEnv(duel, role, hold, SIZE, mode)
     count = compare(env, Core(duel, role, hold, UNOPTIMISED), actions(3 * LENGTH))
@@ -156,6 +157,7 @@ def test_an_opponent_is_drawn_for_each_fight(duel: Combat):
     assert np.any(seen[0] != seen[-1])
 
 
+@pytest.mark.long
 def test_opponents_are_named_as_in_a_tournament():
     combat = Coasting(settings.load("duel", {}))
     named = ["pilots:sippo-defender", "scripted:hover", "scripted:all"]
@@ -165,6 +167,7 @@ def test_opponents_are_named_as_in_a_tournament():
     assert np.isfinite(env.step(np.zeros((4, 4)))[0]).all()
 
 
+@pytest.mark.long
 def test_exploring_fights_begin_in_motion():
     combat = Coasting(Config(game=GameConfig(episode_steps=3), train=TrainConfig(start_speed=4.0)))
     push = np.tile(np.float32([0.5, 0, 0, 0]), (64, 1))

@@ -27,6 +27,7 @@ def duel() -> Combat:
     return coasting()
 
 
+@pytest.mark.long
 def test_each_step_is_the_cores(duel: Combat):
     env = CombatMultiAgentEnv(duel)
     count = compare_jaxmarl(env, duel, pairs(3 * LENGTH, SIZE), UNOPTIMISED)

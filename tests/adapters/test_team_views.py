@@ -55,6 +55,7 @@ def test_pettingzoo_has_an_agent_for_each_drone_and_steps_as_the_core(combat: Co
     raise AssertionError("the fight did not end")
 
 
+@pytest.mark.long
 def test_jaxmarl_has_an_agent_for_each_drone(combat: Coasting):
     env = CombatMultiAgentEnv(combat)
     assert env.agents == NAMES
@@ -71,12 +72,14 @@ def test_jaxmarl_has_an_agent_for_each_drone(combat: Coasting):
         np.testing.assert_allclose(reward[name], output.reward[drone], rtol=1e-5)
 
 
+@pytest.mark.long
 def test_the_checker_finds_nothing(combat: Coasting):
     check(CombatParallelEnv(combat), steps=100)
     assert check(CombatMultiAgentEnv(combat), steps=150).unseen == ()
 
 
 @pytest.mark.parametrize("role", [DEFENDER, ATTACKER])
+@pytest.mark.long
 def test_a_learner_flies_all_drones_of_its_side(combat: Coasting, role: int):
     """Observations and actions end to end in the drones' order, the team's mean reward."""
     own, others = team(combat.sides, role), team(combat.sides, 1 - role)
@@ -112,6 +115,7 @@ def test_a_learner_flies_all_drones_of_its_side(combat: Coasting, role: int):
     assert after.reward == pytest.approx(float(np.mean(output.reward[own])), abs=1e-5)
 
 
+@pytest.mark.long
 def test_named_opponents_fly_whole_teams(combat: Coasting):
     """Each drone of a scripted team flies from its own place."""
     (pilot,) = pilots_of(combat, ATTACKER, "scripted:proportional_navigation")

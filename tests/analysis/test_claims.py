@@ -93,6 +93,7 @@ def test_a_tournament_of_one_method_has_no_claims():
         (measures.late_decline, Truth(ahead=1.0, spread=(0.3, 0.3))),
     ],
 )
+@pytest.mark.long
 def test_the_levels_hold_where_nothing_is_true(measure, truth):
     """Sign-flip tests of 60 worlds without the effect; at a level of 0.05."""
     worlds = [planted_claims(truth, 6, 6, 10, seed) for seed in range(60)]

@@ -58,6 +58,7 @@ def test_the_raw_share_at_additive_truth_is_the_noise_that_the_correction_takes_
     assert found.corrected < 0.03
 
 
+@pytest.mark.long
 def test_at_additive_truth_it_is_found_one_time_in_twenty():
     rng = np.random.default_rng(RNG_SEED)
     found = []

@@ -70,10 +70,12 @@ def recorded(arena: SimpleNamespace, start: EnvState) -> FightRecord:
     return jax.jit(lambda start, key: record(arena.combat, hover, bounce, start, key))(start, KEY)
 
 
+@pytest.mark.long
 def test_fight_ends_as_its_record_ends(fought: FightResult, recorded: FightRecord):
     jax.tree.map(np.testing.assert_array_equal, fought, recorded.result)
 
 
+@pytest.mark.long
 def test_every_fight_is_counted_up_to_its_own_end(
     arena: SimpleNamespace, start: EnvState, recorded: FightRecord
 ):

@@ -61,6 +61,7 @@ def drawn(combat: Coasting) -> SimpleNamespace:
     )
 
 
+@pytest.mark.long
 def test_a_cell_is_what_a_plain_loop_of_single_fights_gives(
     combat: Coasting, flown: SimpleNamespace
 ):
@@ -76,6 +77,7 @@ def test_a_cell_is_what_a_plain_loop_of_single_fights_gives(
     )
 
 
+@pytest.mark.long
 def test_drawn_actions_are_those_of_the_same_loop(
     combat: Coasting, drawn: SimpleNamespace, flown: SimpleNamespace
 ):
@@ -86,6 +88,7 @@ def test_drawn_actions_are_those_of_the_same_loop(
 
 
 @pytest.mark.parametrize("stochastic", [False, True])
+@pytest.mark.long
 def test_policies_with_memory_fly_as_in_single_fights(combat: Coasting, stochastic: bool):
     """Against others with more, with less and without; each forgets when another fight begins."""
     rules = Rules(EPISODES, seed=3, stochastic=stochastic)
@@ -107,6 +110,7 @@ def test_policies_with_memory_fly_as_in_single_fights(combat: Coasting, stochast
         assert np.any(other[:, :, :6]) and np.any(other[:, :, 6:])
 
 
+@pytest.mark.long
 def test_no_outcome_depends_on_batches(
     combat: Coasting, flown: SimpleNamespace, drawn: SimpleNamespace
 ):
@@ -119,6 +123,7 @@ def test_no_outcome_depends_on_batches(
         np.testing.assert_array_equal(out, reference.grid[:, :4, :5])
 
 
+@pytest.mark.long
 def test_no_outcome_depends_on_who_else_takes_part(combat: Coasting, flown: SimpleNamespace):
     """In another order, without some players, and with some of the cells alone."""
     rows, columns = [5, 3, 0, 4], [4, 5, 1]
@@ -155,6 +160,7 @@ def test_a_policy_of_nan_loses_its_own_fights_alone(combat: Coasting, flown: Sim
     np.testing.assert_array_equal(out[:, :2], flown.grid[:, :2, :2])
 
 
+@pytest.mark.long
 def test_a_policy_flies_in_the_frame_that_it_names(combat: Coasting, flown: SimpleNamespace):
     """In a game of world frames one that sees "ego" flies as in a game of that frame."""
     ego = Coasting(replace(CONFIG, game=replace(GAME, observation="ego")))
@@ -192,6 +198,7 @@ print(json.dumps(t.grid(combat, t.DEFENDERS[:4], t.ATTACKERS[:5], rules, layout=
 """
 
 
+@pytest.mark.long
 def test_two_devices_give_the_same_outcomes(flown: SimpleNamespace):
     tests = Path(__file__).parents[1]
     paths = json.dumps([str(tests / "arena"), str(tests / "support")])
@@ -203,6 +210,7 @@ def test_two_devices_give_the_same_outcomes(flown: SimpleNamespace):
     np.testing.assert_array_equal(np.asarray(json.loads(done.stdout)), flown.grid[:, :4, :5])
 
 
+@pytest.mark.long
 def test_in_mjx_cells_are_what_plain_matches_give(arena: SimpleNamespace):
     """Eight fights at once there, blocks of other policies' fights here."""
     config = replace(arena.combat.config, game=replace(arena.combat.config.game, episode_steps=60))

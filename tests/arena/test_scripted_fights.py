@@ -62,6 +62,7 @@ def fought(request: pytest.FixtureRequest, arena: SimpleNamespace) -> SimpleName
     return fight_all(arena, GameConfig(episode_steps=250), request.param)
 
 
+@pytest.mark.long
 def test_dash_alone_is_there_within_seconds(fought: SimpleNamespace):
     assert share(fought, "absent", "dash", Cause.REACHED) >= 0.98
     # At full thrust and level flight 6.6 m take 0.91 s from rest, and turning the body some more.
@@ -90,6 +91,7 @@ def test_nobody_crashes_and_all_fights_are_decided(fought: SimpleNamespace):
     assert np.all((fought.cause == Cause.INTERCEPT) | (fought.cause == Cause.REACHED))
 
 
+@pytest.mark.long
 def test_no_pilot_crashes_in_a_long_low_chase(arena: SimpleNamespace):
     """Nothing but a millimetre ends these 6 s: pilots overshoot, turn and come again, from
     anywhere, low.

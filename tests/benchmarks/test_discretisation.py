@@ -60,6 +60,7 @@ def flown(request: pytest.FixtureRequest) -> SimpleNamespace:
     return SimpleNamespace(sim=sim, flights=flights, ours=fast, theirs=theirs, exact=truth)
 
 
+@pytest.mark.long
 def test_a_drone_that_rises_is_ahead_by_half_a_step_of_its_speed(flown: SimpleNamespace):
     # Euler with the new velocity: h^2 a n (n + 1) / 2 instead of h^2 a n^2 / 2; h a t / 2 too far.
     ahead = flown.sim.timestep * 0.9 * G / 2

@@ -16,6 +16,7 @@ def light(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(views, "ALONE", 5)
 
 
+@pytest.mark.long
 def test_every_view_flies(light):
     record = views.measure(4, 3, 2)
     there = importlib.util.find_spec("stable_baselines3") is not None

@@ -12,6 +12,7 @@ from dronecombat_jax.machine import backend, rendering
 from dronecombat_jax.sim import side_by_side
 
 
+@pytest.mark.long
 def test_doctor_passes_here_but_for_what_is_missing(capsys):
     expected = EXIT_CONFIG if rendering.fault() else 0
     assert doctor.doctor() == expected
@@ -86,6 +87,7 @@ def test_doctor_names_a_known_bad_jax_and_its_remedy(monkeypatch, capsys):
         ),
     ],
 )
+@pytest.mark.long
 def test_doctor_says_how_a_drones_file_is_flown(text, words, tmp_path, capsys):
     file = write(tmp_path, text)
     assert doctor.doctor_mjcf(str(file)) == 0

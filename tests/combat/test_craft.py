@@ -48,6 +48,7 @@ def test_the_default_carries_nothing_more(arena: SimpleNamespace):
     assert state.craft is None and len(jax.tree.leaves(state)) == 5
 
 
+@pytest.mark.long
 def test_shapes_and_types_are_stable(real: SimpleNamespace):
     described = lambda tree: jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype.name), tree)
     single = jax.eval_shape(real.combat.reset, KEY)
@@ -82,6 +83,7 @@ def test_numbers_fill_their_ranges_by_fight_and_side(real: SimpleNamespace):
     assert len(np.unique(start.craft.word)) == 500
 
 
+@pytest.mark.long
 def test_commands_keep_the_nominal_scale():
     """Trap: the action that hovers the nominal drone lets a heavier one sink, (1/k - 1) g."""
     combat = Combat(Config(randomise=RandomiseConfig(mass=0.3)))
@@ -120,6 +122,7 @@ def test_a_scaled_inertia_turns_less(real: SimpleNamespace):
     np.testing.assert_allclose(rate, wanted, rtol=1e-5)
 
 
+@pytest.mark.long
 def test_a_fight_is_repeated_and_does_not_depend_on_its_neighbours(real: SimpleNamespace):
     random = np.random.default_rng(4)
     forwards = backwards = real.start
@@ -175,6 +178,7 @@ def test_hashed_numbers_are_normal_and_independent():
 
 
 @pytest.mark.parametrize("actuation", ["rotors", "mixed", "ctbr"])
+@pytest.mark.long
 def test_the_hover_pilot_holds_a_place_on_rotors(actuation: str):
     config = Config(sim=SimConfig(body="firmware", actuation=actuation))  # pyright: ignore
     combat = Combat(config)

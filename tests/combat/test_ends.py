@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.config.fields import Config, GameConfig
@@ -124,6 +125,7 @@ def test_actions_are_clipped(arena: SimpleNamespace, fresh: EnvState):
     )
 
 
+@pytest.mark.long
 def test_a_defender_that_is_out_leaves_the_attacker_to_finish(
     arena: SimpleNamespace, fresh: EnvState
 ):

@@ -43,6 +43,7 @@ def bodies(arena: SimpleNamespace, role: int):
     return airframe(config, scene, role), airframe(config, scene, 1 - role)
 
 
+@pytest.mark.long
 def test_the_model_flies_a_dash_as_long_as_mjx_does(arena: SimpleNamespace, fresh: EnvState):
     """Past a defender that hovers: within a model step of what the exact flight takes."""
     combat = arena.combat
@@ -66,6 +67,7 @@ def test_choices_differ_and_time_is_what_they_say(arena: SimpleNamespace, fresh:
     assert np.abs(left - right).max() <= 2
 
 
+@pytest.mark.long
 def test_a_model_is_told_by_the_thrust_axis(arena: SimpleNamespace, fresh: EnvState):
     """A defender that flies what a law wants is taken for one that follows the law."""
     own, its = bodies(arena, ATTACKER)

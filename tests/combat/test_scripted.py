@@ -176,6 +176,7 @@ def test_a_pilot_survives_degenerate_states(arena: SimpleNamespace, name: str):
     assert np.all(np.abs(np.asarray(action)) <= 1.0)
 
 
+@pytest.mark.long
 def test_each_fight_gets_its_own_pilot(arena: SimpleNamespace):
     names = list(scripted.PILOTS[ATTACKER])
     pilots = [scripted.build_pilot(name, arena.combat.config, arena.combat.scene) for name in names]

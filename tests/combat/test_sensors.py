@@ -61,6 +61,7 @@ def test_one_side_may_sense_alone(arena: SimpleNamespace, still, side: str):
     np.testing.assert_array_equal(seen[:, own], many(still, NOISE)[:, own])
 
 
+@pytest.mark.long
 def test_a_bias_stays_for_the_fight(still):
     """Two measurements share a variance of bias^2 of 1 + bias^2: a correlation of 4/5 with 2."""
     biased = replace(NOISE, bias=2.0)
@@ -76,6 +77,7 @@ def test_a_bias_stays_for_the_fight(still):
 
 
 @pytest.mark.parametrize(("latency", "period"), [(0, 3), (2, 1), (2, 3)])
+@pytest.mark.long
 def test_measurements_arrive_late_and_seldom(arena: SimpleNamespace, latency: int, period: int):
     """At clock t the measurement of the latest multiple of the period, at most t - latency, is known."""
     config = replace(Config(), sensor=SensorConfig(latency=latency, period=period))
@@ -91,6 +93,7 @@ def test_measurements_arrive_late_and_seldom(arena: SimpleNamespace, latency: in
     assert np.abs(exact[-1] - exact[0]).max() > 0.01
 
 
+@pytest.mark.long
 def test_noise_is_held_with_its_measurement_and_repeated(arena: SimpleNamespace):
     config = replace(Config(), sensor=replace(NOISE, period=2))
     combat = Combat(config, arena.combat.scene)

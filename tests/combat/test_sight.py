@@ -225,6 +225,7 @@ def test_a_drone_that_is_down_is_flagged_as_hidden(arena: SimpleNamespace):
     np.testing.assert_array_equal(alone[1, :19], both[1, :19])
 
 
+@pytest.mark.long
 def test_noise_does_not_decide_who_is_seen(arena: SimpleNamespace):
     """At 2.9 m of 3 m, with a deviation of 1 m: always."""
     combat = limited_combat(arena, "bearing", range=3.0, position_noise=1.0)

@@ -50,6 +50,7 @@ def example(name: str):
     return importlib.import_module(name)
 
 
+@pytest.mark.long
 def test_roll_out():
     causes = example("roll_out").main(fights=50)
     assert sum(causes.values()) == 50 and causes["defender_crash"] + causes["attacker_crash"] > 0

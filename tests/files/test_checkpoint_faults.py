@@ -51,6 +51,7 @@ for trial in range(8):
 """
 
 
+@pytest.mark.long
 def test_kill_9_while_saving(tmp_path: Path):
     (tmp_path / "checkpoints").mkdir()
     environment = {**os.environ, "JAX_PLATFORMS": "cpu"}

@@ -82,6 +82,7 @@ def redrawn(rollout: Transition, where: np.ndarray) -> Transition:
     )
 
 
+@pytest.mark.long
 def test_what_a_drone_did_while_it_was_down_changes_nothing(rollout, update):
     idle = np.asarray(rollout.idle)
     assert 0.2 < idle[..., DEFENDER].mean() < 0.95
@@ -101,6 +102,7 @@ def test_the_step_of_a_crash_counts_and_the_next_does_not(rollout):
     assert np.all(active ^ idle)  # no fault in here: one or the other
 
 
+@pytest.mark.long
 def test_with_none_not_even_what_it_saw_there_counts_and_with_all_everything_does(rollout, update):
     """The returns of steps in flight contain what was earned later: that, and the values
     bootstrapped from, stay.
@@ -198,6 +200,7 @@ def test_weighted_mathematics_is_that_of_the_steps_that_count():
     assert_same_bits(update_scaler(scaler, x, 0.0 * weight), scaler)  # an empty batch
 
 
+@pytest.mark.long
 def test_a_log_std_at_its_floor_leaves_it_when_more_noise_pays(rollout):
     """A clip in the loss has no gradient below the floor: the parameter stayed there for ever."""
     learn = replace(
@@ -229,6 +232,7 @@ def test_a_log_std_at_its_floor_leaves_it_when_more_noise_pays(rollout):
     assert np.all(push(start).parameters.log_std == -0.5)
 
 
+@pytest.mark.long
 def test_progress_is_learnt_from_as_reward_is(rollout, update):
     gained = jax.random.normal(jax.random.key(4), rollout.reward.shape)
     beside = update(rollout._replace(progress=gained))
@@ -237,6 +241,7 @@ def test_progress_is_learnt_from_as_reward_is(rollout, update):
     assert differs(beside.learners, update(rollout).learners)
 
 
+@pytest.mark.long
 def test_progress_stands_beside_the_reward_and_only_for_who_flies():
     plain = flown(LEARN, "out")
     rewarded = flown(replace(LEARN, defender_progress=30.0, attacker_progress=7.0), "out")

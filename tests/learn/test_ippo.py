@@ -98,6 +98,7 @@ def assert_same_bits(a: Learner, b: Learner) -> None:
         assert np.asarray(x).tobytes() == np.asarray(y).tobytes()
 
 
+@pytest.mark.long
 def test_constant_reward(learn):
     result = learn(constant=(1.0, -3.0))
     for x in (-1.0, 1.0):
@@ -240,6 +241,7 @@ def test_minibatches_are_contiguous_in_time_or_shuffled_without_loss():
 
 
 @pytest.mark.parametrize("bootstrap", [True, False])
+@pytest.mark.long
 def test_values_of_successors(bootstrap):
     """Against a slow loop: the next step's value, the final observation's where a step was
     truncated.

@@ -80,6 +80,7 @@ def flown(request):
     return learn, learners, env, after, rollout
 
 
+@pytest.mark.long
 def test_what_is_remembered_ends_with_the_fight(flown):
     learn, _, env, after, rollout = flown
     assert np.array_equal(rollout.recall[0], env.recall)
@@ -112,6 +113,7 @@ def test_frames_are_the_last_observations_newest_first(flown):
 
 
 @pytest.mark.parametrize("agent", [DEFENDER, ATTACKER])
+@pytest.mark.long
 def test_before_the_first_step_the_new_policy_is_the_one_that_flew(flown, agent):
     """The ratio of every step is 1: an update with a rate of next to nothing measures no
     divergence and clips nothing, and what it learns from has the log-probabilities of the flight.
@@ -127,6 +129,7 @@ def test_before_the_first_step_the_new_policy_is_the_one_that_flew(flown, agent)
     assert metrics.skipped == 0 and metrics.grad_norm > 0.0
 
 
+@pytest.mark.long
 def test_values_are_of_what_is_remembered(flown):
     """Against a slow loop over one environment, the policy's own steps deciding what it knows."""
     learn, learners, env, _, rollout = flown
@@ -152,6 +155,7 @@ def test_values_are_of_what_is_remembered(flown):
                 assert following[step, n] == pytest.approx(float(worth), abs=1e-5)
 
 
+@pytest.mark.long
 def test_a_policy_takes_what_it_needs_of_a_longer_memory():
     """Beside one that remembers more, in the same fights."""
     policy = policy_of(init_learner(jax.random.key(0), FRAMES))

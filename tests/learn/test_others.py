@@ -88,6 +88,7 @@ def test_neither_order_nor_number_of_slots_nor_what_is_hidden_matters():
     np.testing.assert_array_equal(fly(network, joined(hidden)), action)
 
 
+@pytest.mark.long
 def test_slots_are_scaled_alike_whatever_was_seen_in_them():
     learner = init_learner(jax.random.key(0), LEARN, INPUTS)
     variance = np.asarray(learner.observation_scaler.variance)
@@ -122,6 +123,7 @@ def test_a_training_moves_encoder_and_own_scale_alone(trained):
     assert toy.differs(before.parameters.value.others, after.parameters.value.others)
 
 
+@pytest.mark.long
 def test_the_file_and_numpy_alone_fly_it_and_others_refuse_it(trained, tmp_path):
     config, _, end = trained
     policy = jax.tree.map(np.asarray, policy_of(of(end, 1)))

@@ -66,6 +66,7 @@ print(chosen)
         pytest.param("pdf", marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.long
 def test_figures_are_drawn_whatever_mplbackend_names(named: str, tmp_path: Path):
     """A notebook sets it for all that it starts; a choice that is there is kept for the user."""
     command = [

@@ -81,6 +81,7 @@ def test_the_page_escapes_what_is_foreign_and_asks_nobody():
     assert "http:" not in html and "https:" not in html and "default-src 'none'" in html
 
 
+@pytest.mark.long
 def test_the_whole_report(tmp_path):
     files = write_report(planted(2, 3, 4), tmp_path / "report", "planted", ["skipped: one"], QUICK)
     assert files[0] == tmp_path / "report" / "report.html"
@@ -105,6 +106,7 @@ def test_nowhere_to_write(tmp_path):
     assert raised.value.exit_code == EXIT_CANNOT_WRITE
 
 
+@pytest.mark.long
 def test_the_papers_claims_are_on_the_page_and_in_files(tmp_path):
     write_report(planted(2, 4, 4), tmp_path, "planted", effort=QUICK, every=2)
     html = (tmp_path / "report.html").read_text()
@@ -118,6 +120,7 @@ def test_the_papers_claims_are_on_the_page_and_in_files(tmp_path):
     assert len(examined["pools"]) == 4 and (tmp_path / "figures/paper_protocol.png").stat().st_size
 
 
+@pytest.mark.long
 def test_a_tournament_of_other_methods_has_no_claims(tmp_path):
     sides = entrants("d", 1, 2, ("ippo", "else")), entrants("a", 1, 2, ("ippo", "else"))
     cause = np.full((4, 4, 1), Cause.TIMEOUT, np.int8)

@@ -107,6 +107,7 @@ def begun(path: Path, config: Config) -> SimpleNamespace:
     return SimpleNamespace(path=path, state=state)
 
 
+@pytest.mark.long
 def test_the_command_writes_what_it_counted(run, capsys):
     assert cli.main(["evaluate", str(run.path), "--fights", "12", "--seed", "3"]) == 0
     printed = capsys.readouterr().out
@@ -213,6 +214,7 @@ def test_a_name_tells_all_that_is_not_the_runs_own():
     assert file_name(Match(10), None, 10) == "evaluation.json"
 
 
+@pytest.mark.long
 def test_teams_of_another_size_fly_where_the_observation_lets_them(tmp_path, capsys):
     """Two nearest defenders fly in fights of three against two, and alone as in a run of the duel."""
     sizes = {"defenders": 2, "attackers": 1}

@@ -152,6 +152,7 @@ def test_within_its_bounds_a_player_keeps_its_identity(run):
     assert find(str(run.path)).contenders[3].entrant.identity == identity_of(saved, True)
 
 
+@pytest.mark.long
 def test_the_file_knows_the_game_that_was_flown_and_not_the_one_that_is_here(here, capsys):
     """The run was trained in another scene, or its MJCF has been edited since."""
     met = environment(CONFIG) | {"scene.defender.mass": 1.325}

@@ -138,6 +138,7 @@ def test_runs_that_differ_in_name_seed_and_length_share_a_file(kept):
     assert len(kept.builds) == 1
 
 
+@pytest.mark.long
 def test_name_seed_and_length_are_not_in_the_program(start):
     def text(config):
         advance = build_advance(toy.Coasting(config), toy.CHUNK)

@@ -129,6 +129,7 @@ def refused(run: RunDirectory, config: Config, meta: dict, message: str) -> None
     assert message in error.value.message and "\n" not in error.value.message
 
 
+@pytest.mark.long
 def test_the_frozen_side_is_flown_by_the_opponent_and_is_no_policy_of_the_run(home, tmp_path):
     """In evaluations, films and replays."""
     config = against(f"defender={home}/defender.safetensors")

@@ -102,11 +102,13 @@ def fly_on(run: SimpleNamespace, state: TrainState, reports: list[str] | None = 
 
 
 @pytest.mark.parametrize("iteration", [0, HALF, INSIDE])
+@pytest.mark.long
 def test_six_chunks_straight_are_six_chunks_with_a_checkpoint_between(run, iteration):
     state = restored_state(read_start(run.directory, iteration), run.config, run.program.combat)
     assert digest(fly_on(run, state)) == run.digest
 
 
+@pytest.mark.long
 def test_a_run_that_lost_any_leaf_of_its_state_is_another_run(run):
     """The key test's mutation: each leaf in turn is zeros, or ones where that is what it was."""
     start = read_start(run.directory, INSIDE)
@@ -150,6 +152,7 @@ def longer(config: Config, chunks: int) -> Config:
     return replace(config, train=replace(config.train, total_steps=chunks * config.steps_per_chunk))
 
 
+@pytest.mark.long
 def test_a_run_made_longer_is_the_run_that_was_always_that_long(run, tmp_path):
     """Pools have a slot for every chunk: the shorter run's are restored as they were and then grow."""
     short = RunDirectory(tmp_path)

@@ -159,6 +159,7 @@ def timeless(path: Path) -> list[dict]:
     ]
 
 
+@pytest.mark.long
 def test_a_fork_without_a_change_comes_to_the_same_bits_and_goes_on_by_the_same_command(whole):
     flags = ("--fork", "child", "--fork-chunk", str(CHUNKS - 2), "--run.no-figures")
     code, out, err = finish(train(whole.root, "whole", *flags))

@@ -142,6 +142,7 @@ def stored(file: Path) -> Iterator[bytes]:
             entry = b""
 
 
+@pytest.mark.long
 def test_a_real_offline_run_holds_the_same_numbers(toy):
     pytest.importorskip("wandb", reason="the extra wandb is not installed")
     from wandb.proto import wandb_internal_pb2 as proto  # pyright: ignore[reportMissingImports]

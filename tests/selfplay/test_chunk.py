@@ -44,6 +44,7 @@ def numpy_copy(state: TrainState) -> TrainState:
     return jax.tree.map(np.array, state)
 
 
+@pytest.mark.long
 def test_traced_once_for_a_whole_run(single):
     assert len(single.traces) == 1
     assert [int(state.iteration[0]) for state in single.states] == [0, 1, 2, 3, 4]
@@ -63,6 +64,7 @@ def test_the_state_keeps_its_types_and_none_is_weak(single):
     }
 
 
+@pytest.mark.long
 def test_the_same_run_in_other_calls_beside_another_seed_and_through_numpy(single):
     """Two calls of two iterations with seeds 3 and 4 give seed 4 the bits of four calls of one,
     alone.

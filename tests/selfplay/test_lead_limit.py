@@ -56,6 +56,7 @@ def test_arrays_of_both_kinds_and_many_iterations():
     assert traced(jnp.asarray(causes), jnp.asarray(learning)).tolist() == wanted
 
 
+@pytest.mark.long
 def test_a_side_ahead_keeps_every_bit_and_the_other_learns():
     config = limited(0.5)
     program = build(config, 1)

@@ -52,6 +52,7 @@ def run() -> SimpleNamespace:
     return two_chunks(OWN)
 
 
+@pytest.mark.long
 def test_each_mate_begins_and_learns_on_its_own_and_sharers_are_one(run: SimpleNamespace):
     first, live = run.states[0], run.states[CHUNK]
     assert differs(agent(first, FIRST).parameters, agent(first, SECOND).parameters)
@@ -130,6 +131,7 @@ def test_a_training_that_stops_names_the_drone_whose_gradients_are_lost(run: Sim
     assert verdicts[-1].startswith("not one finite gradient for the defender2 of seed 4")
 
 
+@pytest.mark.long
 def test_mates_that_change_places_with_their_learners_learn_the_same(run: SimpleNamespace):
     """Each learns from its own drone's steps: with the drones of the rollout exchanged, and the
     learners, every number is the other's.
@@ -189,6 +191,7 @@ def test_actions_change_places_with_policies_and_drones():
 
 
 @pytest.mark.parametrize("probability", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
+@pytest.mark.long
 def test_one_drone_a_side_has_the_very_same_program(probability: float):
     texts = []
     for mates in ("shared", "own"):

@@ -27,6 +27,7 @@ def trained():
     return program, program.run(program.start)[0]
 
 
+@pytest.mark.long
 def test_it_trains_and_its_fights_remember(trained):
     program, state = trained
     recall = np.asarray(state.env.recall)

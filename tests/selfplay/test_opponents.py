@@ -58,6 +58,7 @@ def flown() -> SimpleNamespace:
     return SimpleNamespace(config=config, states=states, reports=reports, traces=program.traces)
 
 
+@pytest.mark.long
 def test_one_program_for_all_and_the_state_keeps_its_types(flown):
     assert len(flown.traces) == 1
     for before, after in zip(*map(jax.tree.leaves, flown.states[-2:]), strict=True):
@@ -93,6 +94,7 @@ def test_fights_are_counted_by_opponent(flown):
     assert float(past.wins.sum()) == expected
 
 
+@pytest.mark.long
 def test_each_place_is_flown_by_whom_the_table_says(flown):
     """Actions of all eight environments at once against each one's pilot alone."""
     combat, config = Coasting(flown.config), flown.config
@@ -134,6 +136,7 @@ def test_nobody_in_a_table_is_the_share_that_flies_alone():
     assert_same_bits(first.run(first.start)[0], second.run(second.start)[0])
 
 
+@pytest.mark.long
 def test_the_papers_self_play_in_a_table_has_the_same_bits():
     chunks = with_table("attacker=past 0.5 of chunks")
     paper = with_table("", probability=0.5)
@@ -164,6 +167,7 @@ def chunks() -> SimpleNamespace:
     return SimpleNamespace(config=config, states=states, reports=reports)
 
 
+@pytest.mark.long
 def test_in_a_chunk_against_somebody_the_other_side_alone_learns(chunks):
     drawn = set()
     for before, after, report in zip(
@@ -223,6 +227,7 @@ def test_a_side_that_is_nowhere_live_has_no_learning_in_the_program():
     assert flops(parts) < 0.6 * flops((ALL, ALL))
 
 
+@pytest.mark.long
 def test_against_one_opponent_the_other_side_keeps_every_bit():
     config = with_table("defender=scripted:hover_guard")
     program = build(config, CHUNK)

@@ -58,6 +58,7 @@ def flown() -> SimpleNamespace:
     )
 
 
+@pytest.mark.long
 def test_the_run_has_live_and_both_kinds_of_frozen_chunks_and_starts_live(flown):
     assert set(flown.frozen) == {NOBODY, DEFENDER, ATTACKER} and flown.frozen[0] == NOBODY
     for state, report, frozen in zip(flown.states[1:], flown.reports, flown.frozen, strict=True):
@@ -107,6 +108,7 @@ def test_fights_of_frozen_chunks_are_counted_for_the_member_that_was_met(flown):
             np.testing.assert_array_equal(new, expected)
 
 
+@pytest.mark.long
 def test_a_probability_that_never_strikes_gives_the_numbers_of_ippo_bit_for_bit():
     ippo = build(replace(SIPPO, selfplay=SelfPlayConfig(probability=0.0)), CHUNK)
     never = build(replace(SIPPO, selfplay=SelfPlayConfig(probability=1e-12)), CHUNK)
@@ -133,6 +135,7 @@ def toy() -> SimpleNamespace:
     return SimpleNamespace(config=config, live=generations[5], generations=generations, state=state)
 
 
+@pytest.mark.long
 def test_over_2000_chunk_starts_a_fifth_is_frozen_and_members_are_drawn_alike(toy):
     pick = jax.jit(jax.vmap(lambda key: choose(TOY, toy.state, jnp.int32(3), key)))
     chosen = pick(jax.random.split(jax.random.key(8), 2000))
@@ -190,6 +193,7 @@ def test_the_frozen_role_is_flown_by_its_past_with_its_own_scaler(toy):
     assert_same_bits(nobody, players(toy.config, toy.live, None))
 
 
+@pytest.mark.long
 def test_with_scope_environment_each_one_meets_its_own(toy):
     config = replace(toy.config, selfplay=replace(toy.config.selfplay, scope="environment"))
     slots = [0, 3, 3, 1, 2, 4]
@@ -212,6 +216,7 @@ def test_with_scope_environment_each_one_meets_its_own(toy):
     assert len(np.unique(drawn.opponent)) > 1
 
 
+@pytest.mark.long
 def test_a_run_with_scope_environment_leaves_the_live_attacker_alone():
     selfplay = SelfPlayConfig(probability=1.0, scope="environment", sampler="pfsp_variance")
     program = build(replace(SIPPO, selfplay=selfplay), CHUNK)

@@ -52,6 +52,7 @@ def rollout() -> Transition:
     return jax.jit(fly, compiler_options=UNOPTIMISED)()
 
 
+@pytest.mark.long
 def test_the_first_environments_are_the_attackers_alone_in_every_fight(run):
     for state in (run.start, run.state):
         np.testing.assert_array_equal(state.env.down[0, :, DEFENDER], np.arange(8) < ALONE)
@@ -69,6 +70,7 @@ def test_only_fights_of_both_are_counted(run):
     assert attackers.games.sum() == ended * frozen.sum()
 
 
+@pytest.mark.long
 def test_the_defender_learns_from_nothing_that_happened_without_it(rollout):
     key, learn = jax.random.key(1), SHARED.learn
     learners = jax.vmap(lambda key: init_learner(key, learn))(jax.random.split(key))

@@ -97,6 +97,7 @@ def run() -> SimpleNamespace:
     return SimpleNamespace(config=config, state=state, report=jax.device_get(report))
 
 
+@pytest.mark.long
 def test_a_run_counts_no_fight_that_it_did_not_fly_whole(run):
     report, steps = run.report, run.config.learn.rollout_steps
     fights = report.causes[0].sum(-1)

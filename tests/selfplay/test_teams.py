@@ -38,6 +38,7 @@ def run() -> SimpleNamespace:
     return two_chunks(TEAMS)
 
 
+@pytest.mark.long
 def test_both_sides_learn_something_finite(run: SimpleNamespace):
     first, last = run.states[0], run.states[-1]
     for side in (DEFENDER, ATTACKER):
@@ -112,6 +113,7 @@ def test_a_round_robin_flies_teams_as_match_does(run: SimpleNamespace):
             assert result.cause[0] != Cause.NONE and result.down.shape == (1, 3)
 
 
+@pytest.mark.long
 def test_a_scripted_pilot_of_a_team_minds_the_nearest_opponent_that_flies():
     game = replace(TEAMS.game, defenders=1, attackers=2)
     combat = build(replace(TEAMS, game=game, selfplay=SelfPlayConfig()), 1).combat

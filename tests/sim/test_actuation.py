@@ -69,6 +69,7 @@ def start_and_actions(sim: SimConfig) -> tuple[list[Flight], np.ndarray]:
 
 
 @pytest.mark.parametrize("case", FLIGHTS)
+@pytest.mark.long
 def test_flights_agree_with_double_precision_step_for_step(case: str):
     sim = FLIGHTS[case]
     starts, actions = start_and_actions(sim)
@@ -85,6 +86,7 @@ def test_flights_agree_with_double_precision_step_for_step(case: str):
 
 
 @pytest.mark.parametrize("case", ["rotors", "mixed", "ctbr"])
+@pytest.mark.long
 def test_flights_agree_with_c_mujoco(case: str):
     """The same rotors, and the same rate loop, in front of C MuJoCo's `implicit` integrator."""
     sim = replace(FLIGHTS[case], drag=False)  # C MuJoCo's drag is another

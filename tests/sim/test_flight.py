@@ -87,6 +87,7 @@ def in_c_mujoco(
 
 
 @pytest.mark.parametrize("case", [KICK, STRUGGLE])
+@pytest.mark.long
 def test_agrees_with_the_implicit_integrator_of_c_mujoco(scene: Scene, flights: tuple, case: int):
     assert scene.full.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICIT
     qpos, qvel = flights

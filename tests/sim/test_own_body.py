@@ -63,6 +63,7 @@ def test_a_body_of_the_package_written_out_is_that_body(tmp_path: Path, body: st
     assert scene.flown == package_scene(body) and scene.rotors == ROTORS[body]
 
 
+@pytest.mark.long
 def test_it_flies_with_the_same_numbers_and_is_the_same_game(tmp_path: Path):
     how = {"actuation": "ctbr", "drag": True, "battery": 3.6}
     named, own = sim_of("firmware", **how), sim_of(write_body(tmp_path), **how)
@@ -139,6 +140,7 @@ def test_rotors_are_read_out_of_an_mjcf(tmp_path: Path):
     assert own is not None and own.lag_up == own.lag_down == 0.05
 
 
+@pytest.mark.long
 def test_an_mjcf_with_rotors_flies_as_in_c_mujoco(tmp_path: Path):
     """Its own motors, at the thrusts that its rotors give at every substep; half a second."""
     drone, body = write(tmp_path, BIG, ("density=\"1.225\" viscosity=\"1.8e-5\"", "")), write_body(tmp_path, **LAG_ALONE)  # fmt: skip

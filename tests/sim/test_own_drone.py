@@ -112,6 +112,7 @@ FLIGHTS: dict[str, tuple[str, tuple[tuple[str, str], ...], float]] = {
 
 
 @pytest.mark.parametrize("case", FLIGHTS)
+@pytest.mark.long
 def test_it_flies_as_c_mujoco_flies_the_file(case: str, tmp_path: Path):
     """One second, gentle and fast, through one program for both drones."""
     text, changes, metres = FLIGHTS[case]

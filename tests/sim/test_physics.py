@@ -49,6 +49,7 @@ def whole_step(scene: Scene) -> Any:
 
 
 @pytest.mark.parametrize("body", BODIES)
+@pytest.mark.long
 def test_left_out_phases_are_nothing(body: Any):
     """Each step from where `mjx.step` was: what differs is rounding, 3e-6 m/s and 3e-4 rad/s at 100
     rad/s.
@@ -80,6 +81,7 @@ def test_mass_matrix_is_the_same_in_every_pose(body: Any):
     np.testing.assert_allclose(found, np.broadcast_to(np.diag(mass), found.shape), rtol=3e-6)
 
 
+@pytest.mark.long
 def test_axes_that_are_not_the_bodys_leave_the_pose_out_as_well(tmp_path: Path):
     """A drone made of geoms: its inertia has a product xz of a tenth of what it is about y."""
     scene = load_scene(SimConfig(mjcf=str(write(tmp_path, BIG))))

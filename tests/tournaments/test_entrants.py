@@ -61,6 +61,7 @@ def refusal(words, **how) -> UserError:
     return caught.value
 
 
+@pytest.mark.long
 def test_a_run_stands_for_both_sides_after_every_chunk(home: Path):
     field = read_field([str(home / "ten")])
     for side in field.seats:

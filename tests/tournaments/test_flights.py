@@ -20,6 +20,7 @@ from dronecombat_jax.tournaments.result_file import load_result
 FIGHTS = 6
 
 
+@pytest.mark.long
 def test_recorded_fights_are_those_of_the_grid(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.setattr(tournaments, "Combat", Coasting)
     monkeypatch.setattr(

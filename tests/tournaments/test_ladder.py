@@ -92,6 +92,7 @@ def test_a_ladder_that_cannot_be_read_is_one_line(text, told, tmp_path, monkeypa
     assert error.value.exit_code == EXIT_DATA and "\n" not in error.value.message
 
 
+@pytest.mark.long
 def test_a_strangers_policy_of_another_network_and_frame_gets_the_same_digits_twice(tmp_path):
     file = script("examples/write_your_policy.py").main(str(tmp_path / "stranger.safetensors"))
     (one,), (again,) = (rate(file, fights=3) for _ in range(2))

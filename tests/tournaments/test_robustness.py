@@ -62,6 +62,7 @@ def flown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SimpleNamespace:
     return counted
 
 
+@pytest.mark.long
 def test_a_tournament_is_flown_again_and_its_own_cells_are_not(
     runs: Path, flown: SimpleNamespace, capsys
 ):
@@ -90,6 +91,7 @@ def test_a_tournament_is_flown_again_and_its_own_cells_are_not(
     assert flown.fly("it") == (0, report) and flown.cells == 0
 
 
+@pytest.mark.long
 def test_it_goes_on_where_it_was_stopped(runs: Path, flown: SimpleNamespace):
     flown.stop_after = 50
     code, report = flown.fly(*words(runs), episodes=2, name="stopped", gaps="thrust_minus")

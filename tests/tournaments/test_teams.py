@@ -25,6 +25,7 @@ def of(defenders: int, attackers: int) -> Config:
     return replace(TOY, game=game)
 
 
+@pytest.mark.long
 def test_two_runs_of_two_against_one_and_scripted_teams(place: SimpleNamespace, tmp_path: Path):
     first, second = (
         write_run(tmp_path / name, of(2, 1), chunks=1, seed=seed)

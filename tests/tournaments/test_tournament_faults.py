@@ -26,6 +26,7 @@ from dronecombat_jax.tournaments import flying
 from dronecombat_jax.tournaments.result_file import RESULT_NAME, load_result
 
 
+@pytest.mark.long
 def test_a_signal_saves_and_the_same_command_goes_on(
     runs: Path, alone, place: SimpleNamespace, monkeypatch
 ):
@@ -88,6 +89,7 @@ tournament.tournament(given["words"], RULES, root=given["root"], name="it")
 """
 
 
+@pytest.mark.long
 def test_killed_at_60_per_cent_it_comes_to_the_same_counts(
     runs: Path, alone, place: SimpleNamespace
 ):

@@ -59,10 +59,12 @@ def read(report: Path) -> dict:
     return json.loads(text)
 
 
+@pytest.mark.long
 def test_every_cell_has_the_fight_that_was_counted(flown: SimpleNamespace):
     assert_counted(flown)
 
 
+@pytest.mark.long
 def test_every_cell_of_teams_has_the_fight_that_was_counted(tmp_path: Path):
     """Two against one, and each drone draws its own actions."""
     game = replace(TOY.game, defenders=2, attackers=1)
@@ -113,6 +115,7 @@ def test_the_report_links_to_every_cell(flown: SimpleNamespace):
     assert "<script" not in html
 
 
+@pytest.mark.long
 def test_a_report_without_the_players_says_so(flown: SimpleNamespace, tmp_path: Path):
     folder = tmp_path / "four"
     shutil.copytree(flown.folder, folder, ignore=shutil.ignore_patterns("report"))
@@ -127,6 +130,7 @@ def test_a_report_without_the_players_says_so(flown: SimpleNamespace, tmp_path: 
     assert not (folder / "report" / "fights.html").exists()
 
 
+@pytest.mark.long
 def test_a_run_that_was_trained_anew_is_not_shown_in_place_of_the_old(
     flown: SimpleNamespace, tmp_path: Path
 ):

@@ -29,6 +29,7 @@ def combat() -> Coasting:
     return Coasting(TOY)
 
 
+@pytest.mark.long
 def test_a_fight_is_that_of_a_tournament_however_many_are_recorded(combat: Coasting):
     """By `match.fight` of that fight alone, with the key that gives a tournament's random numbers."""
     two, three = (
@@ -47,6 +48,7 @@ def test_a_fight_is_that_of_a_tournament_however_many_are_recorded(combat: Coast
         np.testing.assert_allclose(flown.qpos, again.qpos, atol=1e-5)
 
 
+@pytest.mark.long
 def test_drawn_actions_are_others_than_the_mean(combat: Coasting):
     mean, drawn = (
         recorder(combat, Filming(1, 0, stochastic))(*POLICIES)[0] for stochastic in (False, True)

@@ -93,6 +93,7 @@ def test_mistakes(named: Named, out: str | None, evolution: bool, message: str):
     assert raised.value.exit_code == EXIT_CONFIG
 
 
+@pytest.mark.long
 def test_a_film_is_of_the_pages_first_fight(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

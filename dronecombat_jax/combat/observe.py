@@ -1,5 +1,5 @@
-"""What each drone sees, as one vector: eq. 5 in two frames, the nearest others, or as a camera. Plain
-arrays of one fight.
+"""What each drone sees, as one vector: eq. 5 in two frames, with what guidance steers by, the nearest
+others, or as a camera. Plain arrays of one fight.
 
 To add one, write a function here, name it in OBSERVATIONS with its fields, and among the choices of
 `config.GameConfig.observation`. What does not live here: errors, delays and who is hidden
@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecombat_jax.combat.engagement import engagement_fields, observe_engagement
 from dronecombat_jax.combat.sight import (
     DOWN,
     Fields,
@@ -148,6 +149,13 @@ def ego(game: GameConfig) -> Observation:
     return hiding(ego_fields(game.sides), look, ego_order(game.sides))
 
 
+def engagement(game: GameConfig) -> Observation:
+    """`ego`, and what guidance steers by (`engagement.observe_engagement`)."""
+    fields = engagement_fields(ego(game).fields)
+    look = functools.partial(observe_engagement, game.sides)
+    return hiding(fields, look, ego_order(game.sides))
+
+
 def bearing(game: GameConfig) -> Observation:
     """The observation of a camera: directions without distances (`sight.observe_bearing`)."""
     look = functools.partial(observe_bearing, game.sides)
@@ -164,6 +172,7 @@ def nearest(game: GameConfig) -> Observation:
 OBSERVATIONS: dict[str, Observation | Callable[[GameConfig], Observation]] = {
     "world": world,
     "ego": ego,
+    "engagement": engagement,
     "bearing": bearing,
     "nearest": nearest,
 }

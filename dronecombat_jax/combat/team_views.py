@@ -67,14 +67,14 @@ def _fields(names: Sequence[str]) -> Fields:
 def columns_of(fields: Fields, order: NDArray[np.int32]) -> NDArray[np.int32]:
     """[A, size]: whose numbers stand in each column, by observer; the target's are the observer's.
 
-    `fields` name the drones of `order` [A, A] in its order, in the parts p_, q_, v_, w_ and g_.
+    `fields` name the drones of `order` [A, A], in its order, behind the underscores of their parts
+    (p_, q_, ...), and the target as t.
     """
-    places = [name.split("_")[1] for name, _ in fields if name.startswith("p_") and name != "p_t"]
-    place = lambda name: 0 if name == "p_t" else places.index(name.split("_")[1])
-    columns = [place(name) for name, length in fields for _ in range(length)]
-    whose = order[:, columns]
-    target = [name == "p_t" for name, length in fields for _ in range(length)]
-    return np.where(target, np.arange(len(order))[:, None], whose)
+    whose = [name.partition("_")[2] for name, length in fields for _ in range(length)]
+    names = [who for who in dict.fromkeys(whose) if who != "t"]
+    column = [0 if who == "t" else names.index(who) for who in whose]
+    target = [who == "t" for who in whose]
+    return np.where(target, np.arange(len(order))[:, None], order[:, column])
 
 
 def observe_team_world(sides: Sides, drones: Drones, target: jax.Array) -> jax.Array:

@@ -223,11 +223,11 @@ class GameConfig:
     timeout_rule: Literal["draw", "defender"] = setting(
         "draw", "who wins at time-out: nobody, or the defender (the attacker has failed)"
     )
-    observation: Literal["world", "ego", "bearing", "nearest"] = setting(
+    observation: Literal["world", "ego", "engagement", "bearing", "nearest"] = setting(
         "world",
-        "world: eq. 5 for both agents; ego: the same in the observing drone's own frame; bearing: of "
-        "the other drone its direction alone, as a camera gives; nearest: the nearest team mates and "
-        "opponents, in the own frame",
+        "world: eq. 5 for both agents; ego: the same in the observing drone's own frame; engagement: "
+        "ego, and lines of sight and closest approaches; bearing: of the other drone its direction "
+        "alone, as a camera gives; nearest: the nearest team mates and opponents, in the own frame",
         own=True,
     )
     nearest_k: int = setting(

@@ -27,11 +27,12 @@ from dronecombat_jax.types import Craft, Drones, EnvState
 
 HALF = np.sqrt(0.5)
 TEAM = (0, 0, 1)  # two defenders, one attacker
-SIZES = {"world": 35, "ego": 35, "bearing": 23, "nearest": 59}
+SIZES = {"world": 35, "ego": 35, "engagement": 60, "bearing": 23, "nearest": 59}
 # Where each layout tells of the other drone, by observer.
 TELLS = {
     "world": (np.r_[7:14, 23:29, 32:35], np.r_[0:7, 17:23, 29:32]),
     "ego": (np.r_[7:14, 23:29, 32:35],) * 2,
+    "engagement": (np.r_[7:14, 23:29, 32:35, 35:47, 59],) * 2,
     "bearing": (np.r_[19:23],) * 2,
     "nearest": (np.r_[39:49],) * 2,  # the first of two slots for opponents, after two for mates
 }
@@ -47,6 +48,35 @@ def place(*positions, quaternions=None) -> Drones:
 
 def sight(sensor: SensorConfig, drones: Drones, word: int = 0) -> np.ndarray:
     return np.asarray(in_sight(sensor, drones, jnp.uint32(word), jnp.int32(0)))
+
+
+def test_engagement_by_hand():
+    """The defender is yawed by 90 degrees to the left: its x is world y, its y world -x. The attacker
+    lies at (0, 4, 3) and falls at 5 m/s: closing at 3 m/s, nearest after 0.6 s, then 4 m ahead. The
+    target lies 2 m to the right; flying past it at 1 m/s, the defender is nearest now.
+    """
+    drones = place((0, 0, 1), (0, 4, 4), quaternions=[(HALF, 0, 0, HALF), (1, 0, 0, 0)])
+    drones = drones._replace(velocity=np.float32([[0, 1, 0], [0, 1, -5]]))
+    observation = layout_of("engagement", GameConfig())
+    row = np.asarray(observation.observe(drones, jnp.float32([2, 0, 1])))[0]
+    other = [5, 3, *(0, 20 / 25.25, 0), 0.6, *(4, 0, 0), *(0.8, 0, 0.6)]
+    goal = [2, 0, *(0, 0, -2 / 4.25), 0, *(0, -2, 0), *(0, -1, 0)]
+    np.testing.assert_allclose(row[35:], [*other, *goal, np.sqrt(29)], atol=1e-6)
+    ego = layout_of("ego", GameConfig())
+    np.testing.assert_array_equal(row[:35], ego.observe(drones, jnp.float32([2, 0, 1]))[0])
+    assert [name for name, _ in observation.fields[11:]] == [
+        *("r_other", "c_other", "l_other", "n_other", "m_other", "u_other"),
+        *("r_t", "c_t", "l_t", "n_t", "m_t", "u_t", "e_other"),
+    ]
+
+
+def test_engagement_stays_within_bounds_where_drones_meet():
+    drones = place((1, 1, 1), (1, 1, 1))._replace(velocity=np.float32([[9, 0, 0], [-9, 0, 0]]))
+    row = np.asarray(layout_of("engagement", GameConfig()).observe(drones, jnp.ones(3)))
+    assert np.isfinite(row).all() and np.abs(row).max() < 20
+    still = place((0, 0, 1), (0, 0, 1.5))
+    seen = np.asarray(layout_of("engagement", GameConfig()).observe(still, jnp.ones(3)))
+    np.testing.assert_allclose(seen[0, 35:47], [0.5, *[0] * 5, 0, 0, 0.5, 0, 0, 1], atol=1e-6)
 
 
 def test_bearing_by_hand():

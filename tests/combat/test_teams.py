@@ -164,7 +164,7 @@ def test_apart_moves_only_who_is_too_near():
     assert apart(jnp.zeros(3), 0.5).tolist() == [0.0, 0.5, 1.0]
 
 
-@pytest.mark.parametrize("name", ["world", "ego", "nearest", "bearing"])
+@pytest.mark.parametrize("name", ["world", "ego", "engagement", "nearest", "bearing"])
 def test_permuting_team_mates_permutes_observations_and_nothing_else(name: str):
     """The rows change places; in a row, drones change the places that they stand in."""
     game, random = GameConfig(defenders=3, attackers=2), np.random.default_rng(1)
@@ -188,8 +188,8 @@ def parts(name: str, game: GameConfig, row, observer: int, original) -> np.ndarr
     """The row with the parts of each drone in the order of the drones' original numbers."""
     if name == "nearest":  # by distance, whoever it is
         return np.asarray(row)
-    orders = {"world": world_order, "ego": ego_order, "bearing": ego_order}
-    order = orders[name](game.sides)[observer]
+    orders = {"world": world_order}
+    order = orders.get(name, ego_order)(game.sides)[observer]
     places = np.argsort([original(drone) for drone in order])
     fields = layout_of(name, game).fields
     ends = np.cumsum([length for _, length in fields])

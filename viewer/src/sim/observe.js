@@ -1,7 +1,21 @@
-/** What each drone sees, eq. 5, in two frames: `combat/observe.py`. */
-import { conjugate, multiply, rotate, rotateInverse, subtract } from "./vector.js";
+/** What each drone sees, eq. 5, in two frames and with what guidance steers by: `combat/observe.py`. */
+import {
+  add,
+  clamp,
+  conjugate,
+  cross,
+  dot,
+  length,
+  multiply,
+  rotate,
+  rotateInverse,
+  scale,
+  subtract,
+  unit,
+} from "./vector.js";
 
 const DOWN = [0, 0, -1];
+const [NEAR, SLOW, AHEAD] = [0.5, 1.0, 1.0]; // m, m/s, s: of the observation engagement
 
 /** The same 35 numbers for both drones. */
 function world(drones, target) {
@@ -36,4 +50,31 @@ function ego(drones, target) {
   });
 }
 
-export const OBSERVATIONS = { world, ego };
+/** 60 numbers for each drone: `ego`, and `combat/engagement.py`. */
+function engagement(drones, target) {
+  return ego(drones, target).map((seen, role) => {
+    const [own, other] = [drones[role], drones[1 - role]];
+    const way = subtract(other.position, own.position);
+    const velocity = subtract(other.velocity, own.velocity);
+    return [
+      ...seen,
+      ...approach(own.quaternion, way, velocity),
+      ...approach(own.quaternion, subtract(target, own.position), scale(-1, own.velocity)),
+      length(subtract(target, other.position)),
+    ];
+  });
+}
+
+/** Range, closing speed, rate of the line of sight, time to the closest approach, the way then, direction. */
+function approach(quaternion, way, velocity) {
+  const into = (vector) => rotateInverse(quaternion, vector);
+  const range = length(way);
+  const closing = -dot(unit(way), velocity);
+  const speed = Math.max(length(velocity), SLOW);
+  const time = clamp((closing * range) / speed ** 2, 0, AHEAD);
+  const turning = scale(1 / (range ** 2 + NEAR ** 2), cross(way, velocity));
+  const miss = add(way, scale(time, velocity));
+  return [range, closing, ...into(turning), time, ...into(miss), ...into(unit(way))];
+}
+
+export const OBSERVATIONS = { world, ego, engagement };

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.starts import AS_TRAINED
 from dronecombat_jax.errors import EXIT_STOPPED, EXIT_TOURNAMENT, UserError
 from dronecombat_jax.files.rundir import find_run, run_path
 from dronecombat_jax.machine import backend
@@ -97,11 +98,13 @@ def tournament(
     name: str = "",
     every: int = 1,
     root: str = "tournaments",
+    spawn: str = AS_TRAINED,
 ) -> "TournamentResult":
     """Fly, or go on with, the round robin of all attackers against all defenders.
 
     `entrants`: runs, policy files, `scripted:NAME` or `scripted:all`; `episodes`: fights of a pair;
-    `every`: of a run every n-th chunk, and the last. Its folder is `root`/`name`. Raises UserError,
+    `every`: of a run every n-th chunk, and the last; `spawn`: where they start (`config.starts`). Its
+    folder is `root`/`name`. Raises UserError,
     and KeyboardInterrupt where it was stopped: the same call goes on.
     """
     prepare()
@@ -111,25 +114,34 @@ def tournament(
 
     words = [str(word) for word in entrants]
     name = name or flown.default_name(words)
-    code = flown.tournament(words, Rules(episodes, seed), name=name, every=every, root=root)
+    how = {"name": name, "every": every, "root": root, "spawn": spawn}
+    code = flown.tournament(words, Rules(episodes, seed), **how)
     if code not in (0, EXIT_TOURNAMENT):
         raise KeyboardInterrupt("stopped and saved; the same call goes on")
     return load_result(run_path(root, name))
 
 
 def rate(
-    policy: Path | str, *, role: str = "", fights: int = 0, allow_env_mismatch: bool = False
+    policy: Path | str,
+    *,
+    role: str = "",
+    fights: int = 0,
+    allow_env_mismatch: bool = False,
+    spawn: str = AS_TRAINED,
 ) -> "list[Rated]":
     """Rate a policy on the ladder that comes with the package, as `dronecombat rate`.
 
     `policy`: a policy file, a run (the newest of both sides and all seeds), `pilots:NAME` or
     `scripted:NAME`. `role`: "defender" or "attacker" alone. `fights` against each opponent; 0: as
-    many as the ladder's own. Raises UserError 2 and 3.
+    many as the ladder's own; `spawn`: on the ladder from rest, "as_trained", or from "even" starts.
+    Raises UserError 2 and 3.
     """
     prepare()
     from dronecombat_jax.tournaments import newcomers
 
-    return newcomers.rate(str(policy), role=role, fights=fights, allow_mismatch=allow_env_mismatch)
+    return newcomers.rate(
+        str(policy), role=role, fights=fights, allow_mismatch=allow_env_mismatch, spawn=spawn
+    )
 
 
 def exploit(

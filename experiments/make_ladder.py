@@ -1,9 +1,9 @@
-"""Make the ladder that comes with the package, the cards of its pilots, and docs/ladder.md's table.
+"""Make the ladders that come with the package, the cards of its pilots, and docs/ladder.md's tables.
 
     python experiments/make_ladder.py --episodes 100
 
-All shipped and scripted pilots meet in one round robin, from the starts of the preset's game.
-`--check SEED` also rates everybody anew from the starts of another seed, against the ladder as it
+All shipped and scripted pilots meet in two round robins: from the starts of the preset's game, at
+rest, and from even ones. `--check SEED` also rates everybody anew from the starts of another seed, against the ladder as it
 stands: how many of the new ratings lie in the intervals of the old?
 """
 
@@ -20,18 +20,19 @@ from dronecombat_jax.policies import shipped
 
 PRESET, SEED = "duel", 0
 PAGE = Path(__file__).parents[1] / "docs" / "ladder.md"
-MADE = re.compile(r"(?<=<!-- made: standing -->\n).*(?=<!-- end -->)", re.DOTALL)
+MADE = r"(?<=<!-- made: {} -->\n).*?(?=<!-- end -->)"
 
 
-def fly(episodes: int, seed: int):
-    """The round robin of everybody."""
+def fly(episodes: int, seed: int, spawn: str):
+    """The round robin of everybody from the starts `spawn`."""
     with tempfile.TemporaryDirectory() as root:
         everybody = [f"{shipped.PREFIX}{shipped.ALL}", "scripted:all"]
-        return tournament(everybody, episodes=episodes, seed=seed, name="ladder", root=root)
+        how = {"episodes": episodes, "seed": seed, "spawn": spawn}
+        return tournament(everybody, name="ladder", root=root, **how)
 
 
-def make(episodes: int):
-    """The ladder from a new round robin."""
+def make(episodes: int, spawn: str):
+    """The ladder of the starts `spawn` from a new round robin."""
     from dronecombat_jax.combat.fingerprint import environment_digest
     from dronecombat_jax.config import settings
     from dronecombat_jax.tournaments.contenders import find
@@ -42,8 +43,8 @@ def make(episodes: int):
         (contender,) = find(f"{shipped.PREFIX}{name}").contenders
         named.setdefault(contender.entrant.identity, []).append(name)
     also = {identity: names[1:] for identity, names in named.items()}
-    rungs = standing(fly(episodes, SEED), also)
-    return Ladder(PRESET, environment_digest(settings.load(PRESET)), episodes, SEED, rungs)
+    rungs = standing(fly(episodes, SEED, spawn), also)
+    return Ladder(PRESET, environment_digest(settings.load(PRESET)), episodes, SEED, rungs, spawn)
 
 
 def cards(ladder) -> dict[str, dict]:
@@ -59,7 +60,7 @@ def cards(ladder) -> dict[str, dict]:
 
 
 def standing_page(ladder) -> str:
-    """The tables of docs/ladder.md."""
+    """Two tables of docs/ladder.md."""
     lines = []
     for role in ("defender", "attacker"):
         lines += ["", f"| place | {role} | rating | 95 % | score | loses to (score) |"]
@@ -78,7 +79,7 @@ def check(ladder, seed: int) -> None:
     from dronecombat_jax.analysis.newcomer import rate_newcomer
     from dronecombat_jax.analysis.result import fight_scores
 
-    result = fly(ladder.episodes, seed)
+    result = fly(ladder.episodes, seed, ladder.spawn)
     points = fight_scores(result)
     sides = result.defenders, result.attackers
     rating = {rung.identity: rung.rating for rung in ladder.rungs}
@@ -100,15 +101,26 @@ def check(ladder, seed: int) -> None:
 
 
 def write(ladder) -> None:
-    """The ladder, and what is made of it as it was rounded."""
-    from dronecombat_jax.tournaments.ladder import LADDER, ladder_text, read_ladder
+    """A ladder, and what is made of it as it was rounded."""
+    from dronecombat_jax.config.starts import AS_TRAINED
+    from dronecombat_jax.tournaments.ladder import LADDERS, ladder_text, read_ladder
 
-    (shipped.FOLDER / LADDER).write_text(ladder_text(ladder))
-    ladder = read_ladder()
-    table = json.dumps(cards(ladder), indent=1, sort_keys=True)
-    (shipped.FOLDER / shipped.CARDS).write_text(table + "\n")
+    (shipped.FOLDER / LADDERS[ladder.spawn]).write_text(ladder_text(ladder))
+    ladder = read_ladder(ladder.spawn)
+    if ladder.spawn == AS_TRAINED:
+        table = json.dumps(cards(ladder), indent=1, sort_keys=True)
+        (shipped.FOLDER / shipped.CARDS).write_text(table + "\n")
     tables = standing_page(ladder)
-    PAGE.write_text(MADE.sub(lambda _: tables, PAGE.read_text()))
+    made = re.compile(MADE.format(f"standing {ladder.spawn}"), re.DOTALL)
+    PAGE.write_text(made.sub(lambda _: tables, PAGE.read_text()))
+
+
+def write_all(episodes: int) -> None:
+    """All ladders anew."""
+    from dronecombat_jax.tournaments.ladder import LADDERS
+
+    for spawn in LADDERS:
+        write(make(episodes, spawn))
 
 
 def main() -> None:
@@ -118,11 +130,12 @@ def main() -> None:
     given = parser.parse_args()
     prepare("cpu")
     if given.check is None:
-        write(make(given.episodes))
-    else:
-        from dronecombat_jax.tournaments.ladder import read_ladder
+        write_all(given.episodes)
+        return
+    from dronecombat_jax.tournaments.ladder import LADDERS, read_ladder
 
-        check(read_ladder(), given.check)
+    for spawn in LADDERS:
+        check(read_ladder(spawn), given.check)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,11 @@ from dronecombat_jax.tournaments.contenders import find
 
 PER_RUN = 10
 BITS = 11  # significant
-COMMANDS = {"ippo": "make train-ippo", "sippo": "make train-sippo"}
+COMMANDS = {
+    "ippo": "make train-ippo",
+    "sippo": "make train-sippo",
+    "strong": "dronecombat train --preset strong",
+}
 
 
 def rounded(array: np.ndarray) -> np.ndarray:
@@ -72,7 +76,7 @@ def main() -> None:
         export(method, Path(run))
     cards = {path.stem: card(path) for path in shipped.paths(shipped.ALL)}
     (shipped.FOLDER / shipped.CARDS).write_text(json.dumps(cards))
-    make_ladder.write(make_ladder.make(given.episodes))
+    make_ladder.write_all(given.episodes)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from typing import Literal
 from dronecombat_jax.cli.start import prepare, rate_on_one_core
 from dronecombat_jax.config import flags
 from dronecombat_jax.config.setting import setting
+from dronecombat_jax.config.starts import AS_TRAINED
 from dronecombat_jax.errors import UserError
 
 
@@ -21,6 +22,7 @@ class RateFlags:
         dronecombat rate my_policy.safetensors
         dronecombat rate ippo --role attacker
         dronecombat rate pilots:sippo-defender
+        dronecombat rate strong --spawn even
     """
 
     policy: str = setting(
@@ -29,6 +31,11 @@ class RateFlags:
     role: Literal["both", "defender", "attacker"] = setting("both", "of a run: whose policy")
     fights: int = setting(
         0, "fights against each opponent; 0: as many as the ladder's own", low=0, high=10**4
+    )
+    spawn: Literal["as_trained", "even"] = setting(
+        AS_TRAINED,
+        "which ladder: as_trained, fights from rest at the paper's points; even, the defender so far "
+        "back that the best plain scripted pilots of both sides win about as often",
     )
     allow_env_mismatch: bool = setting(
         False, "rate a policy of another game in that of the ladder all the same"
@@ -47,7 +54,11 @@ def rate(args: Sequence[str]) -> int:
 
     role = "" if given.role == "both" else given.role
     ratings = newcomers.rate(
-        given.policy, role=role, fights=given.fights, allow_mismatch=given.allow_env_mismatch
+        given.policy,
+        role=role,
+        fights=given.fights,
+        allow_mismatch=given.allow_env_mismatch,
+        spawn=given.spawn,
     )
     for rated in ratings:
         print(newcomers.rated_text(rated))

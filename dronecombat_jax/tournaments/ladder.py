@@ -1,7 +1,8 @@
-"""The ladder that comes with the package: how all shipped and scripted pilots stand, from one round
-robin.
+"""The ladders that come with the package: how all shipped and scripted pilots stand, from one round
+robin each.
 
-    dronecombat_jax/pilots/ladder.json    made by experiments/make_ladder.py
+    dronecombat_jax/pilots/ladder.json         from rest; both made by experiments/make_ladder.py
+    dronecombat_jax/pilots/ladder_even.json    from even starts (`config.starts`)
 
 What does not live here: rating a newcomer on it (`newcomers`), the fights (`tournament`).
 """
@@ -17,12 +18,13 @@ from dronecombat_jax.analysis.bradley_terry import bradley_terry
 from dronecombat_jax.analysis.newcomer import rate_newcomer
 from dronecombat_jax.analysis.result import SCRIPTED, TournamentResult, fight_scores, scores
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.starts import AS_TRAINED
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.policies import shipped
 from dronecombat_jax.tournaments.contenders import SCRIPTED_PREFIX
 from dronecombat_jax.types import SIDES
 
-LADDER = "ladder.json"
+LADDERS = {AS_TRAINED: "ladder.json", "even": "ladder_even.json"}  # by the starts
 FORMAT = 1
 WORST = 3
 
@@ -55,6 +57,7 @@ class Ladder(NamedTuple):
     episodes: int  # fights of each pair
     seed: int  # of the start states
     rungs: tuple[Rung, ...]  # defenders, then attackers, the best first
+    spawn: str = AS_TRAINED  # where its fights start, of `LADDERS`
 
     def side(self, role: str) -> list[Rung]:
         """The rungs of one role, the best first."""
@@ -114,9 +117,13 @@ def ladder_text(ladder: Ladder) -> str:
     return json.dumps({"format": FORMAT, **ladder._asdict(), "rungs": rungs}, indent=1) + "\n"
 
 
-def read_ladder() -> Ladder:
-    """The ladder of this package. UserError 3 where it holds none, or one that cannot be read."""
-    path = shipped.FOLDER / LADDER
+def read_ladder(spawn: str = AS_TRAINED) -> Ladder:
+    """The ladder of this package whose fights start so, of `LADDERS`. UserError 2 for other
+    starts, 3 where it holds none, or one that cannot be read.
+    """
+    if spawn not in LADDERS:
+        raise UserError(f"--spawn {one_line(spawn)}: expected one of {', '.join(LADDERS)}")
+    path = shipped.FOLDER / LADDERS[spawn]
     try:
         table = json.loads(path.read_text())
         if (version := table.pop("format")) > FORMAT:

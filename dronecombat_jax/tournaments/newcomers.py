@@ -1,6 +1,6 @@
 """`dronecombat rate`: a policy meets the ladder's players of the other side, from the ladder's starts.
 
-A policy flies in the layout of observations that its own file names. What does not live here: the
+There is one ladder from rest and one from even starts. A policy flies in the layout of observations that its own file names. What does not live here: the
 ladder (`ladder`), the statistics (`analysis.newcomer`).
 """
 
@@ -20,6 +20,7 @@ from dronecombat_jax.combat.fingerprint import digest_of, environment, environme
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.schema import one_line
+from dronecombat_jax.config.starts import AS_TRAINED, with_starts
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.runs.progress import make_progress
 from dronecombat_jax.tournaments.contenders import Contender, find
@@ -49,18 +50,25 @@ class Rated(NamedTuple):
 
 
 def rate(
-    word: str, *, role: str = "", fights: int = 0, allow_mismatch: bool = False
+    word: str,
+    *,
+    role: str = "",
+    fights: int = 0,
+    allow_mismatch: bool = False,
+    spawn: str = AS_TRAINED,
 ) -> list[Rated]:
     """Rate whom `word` names: a policy file, `pilots:NAME`, `scripted:NAME`, or a run's newest.
 
     `role`: whose policies; "": all that there are. `fights` against each opponent; 0: as many as
-    the ladder's own. Raises UserError: 2 for a word or a role that names nobody, 3 for what cannot
+    the ladder's own; `spawn`: where they start, which says on which ladder (`ladder.LADDERS`).
+    Raises UserError: 2 for a word or a role that names nobody, 3 for what cannot
     be read and for policies of another game (unless `allow_mismatch`).
     """
-    ladder = read_ladder()
+    ladder = read_ladder(spawn)
     contenders = _contenders(word, role)
-    combat = Combat(settings.load(ladder.preset))
-    here = environment(combat.config, combat.scene)
+    config = settings.load(ladder.preset)
+    combat = Combat(with_starts(config, ladder.spawn))
+    here = environment(config, combat.scene)
     if digest_of(here) != ladder.environment_sha256:
         raise UserError(
             f"the ladder was flown in another game than this version's preset {ladder.preset}: "

@@ -23,7 +23,7 @@ from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.file import save_policy
 from dronecombat_jax.tournaments import newcomers
 from dronecombat_jax.tournaments.contenders import find
-from dronecombat_jax.tournaments.ladder import Ladder, ladder_text, read_ladder, standing
+from dronecombat_jax.tournaments.ladder import LADDERS, Ladder, ladder_text, read_ladder, standing
 from dronecombat_jax.tournaments.newcomers import rated_text
 from dronecombat_jax.types import SIDES
 
@@ -39,9 +39,12 @@ def script(path: str) -> ModuleType:
     return module
 
 
-def test_the_ladder_of_the_package_is_of_this_version_and_of_its_pilots():
-    ladder = read_ladder()
-    assert ladder.environment_sha256 == environment_digest(settings.load(ladder.preset))
+@pytest.mark.parametrize("spawn", LADDERS)
+def test_a_ladder_of_the_package_is_of_this_version_and_of_its_pilots(spawn):
+    ladder = read_ladder(spawn)
+    assert ladder.spawn == spawn and ladder.environment_sha256 == environment_digest(
+        settings.load(ladder.preset)
+    )
     everybody = [one for word in ("pilots:all", "scripted:all") for one in find(word).contenders]
     known = {(SIDES[one.role], one.entrant.identity) for one in everybody}
     assert {(rung.role, rung.identity) for rung in ladder.rungs} == known
@@ -56,7 +59,8 @@ def test_the_ladder_of_the_package_is_of_this_version_and_of_its_pilots():
 
 def test_the_page_and_the_cards_say_what_the_ladder_says():
     made, ladder = script("experiments/make_ladder.py"), read_ladder()
-    assert made.standing_page(ladder) in (ROOT / "docs/ladder.md").read_text()
+    for each in (ladder, read_ladder("even")):
+        assert made.standing_page(each) in (ROOT / "docs/ladder.md").read_text()
     assert made.cards(ladder) == json.loads((shipped.FOLDER / shipped.CARDS).read_text())
 
 
@@ -159,6 +163,20 @@ def test_of_the_ladders_own_players_each_is_counted_once(even):
     assert one.places == len(read_ladder().side("attacker")) and one.worst == ()
     (twin,) = rate("pilots:sippo-attacker-3")  # of the same content as ippo-attacker-3
     assert twin.places == one.places
+
+
+def test_on_the_ladder_from_even_starts_the_defender_starts_farther_back(monkeypatch):
+    setbacks = []
+
+    def flown(combat, side, players, opponents, rules):
+        setbacks.append(combat.config.game.defender_setback)
+        return np.full((len(players), len(opponents), rules.episodes), 0.5)
+
+    monkeypatch.setattr(newcomers, "_fly", flown)
+    (rested,), (even,) = (rate("scripted:weave", spawn=spawn) for spawn in LADDERS)
+    assert setbacks == [0.0, 2.0] and rested.rating != even.rating
+    with pytest.raises(UserError, match="--spawn sideways: expected one of as_trained, even"):
+        rate("scripted:weave", spawn="sideways")
 
 
 def test_a_run_without_a_chunk_and_a_side_that_never_flew_are_one_line(tmp_path):

@@ -15,12 +15,13 @@ from dronecombat_jax.adapters.one_side import refuse_wrong_number
 from dronecombat_jax.arena.match import AnyPilot, Remembering, policy_team, scripted_team
 from dronecombat_jax.arena.players import Player
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.fingerprint import environment, game_diff
 from dronecombat_jax.combat.scripted import Pilot
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.tournaments.contenders import Contender, find
+from dronecombat_jax.tournaments.entrants import in_its_frame
 from dronecombat_jax.types import SIDES
 
 # A pilot, a word of the command line, several of both, or None where nobody is met.
@@ -49,7 +50,7 @@ def pilots_of(combat: Combat, role: int, opponents: Opponents) -> tuple[Pilot, .
 def _named(combat: Combat, role: int, word: str) -> list[Pilot]:
     """The pilots of `role` that a word names."""
     flying = [
-        candidate
+        in_its_frame(candidate, combat.config)
         for candidate in find(word).contenders
         if candidate.role == role and candidate.player is not None
     ]
@@ -67,7 +68,7 @@ def _named(combat: Combat, role: int, word: str) -> list[Pilot]:
 def _refuse_other_game(combat: Combat, word: str, contender: Contender) -> None:
     if contender.environment is None:
         return
-    lines = environment_diff(contender.environment, environment(combat.config))
+    lines = game_diff(contender.environment, environment(combat.config), combat.config.game)
     if lines:
         differences = "; ".join(one_line(line) for line in lines[:5])
         raise UserError(f"{one_line(word)} was trained in another game: {differences}", EXIT_DATA)
@@ -79,7 +80,7 @@ def _crew(combat: Combat, role: int, word: str, player: Player) -> Pilot:
         team: Sequence[AnyPilot] = scripted_team(combat, player.pilot, role)
     else:
         learn = LearnConfig(normalize_observations=player.normalize)
-        team = policy_team(combat.config, learn, player.pilot, role)
+        team = policy_team(combat.config, learn, player.pilot, role, False, player.observation)
     pilots = [pilot for pilot in team if not isinstance(pilot, Remembering)]
     if len(pilots) < len(team):
         raise UserError(

@@ -22,12 +22,11 @@ from dronecombat_jax.arena.match import (
     as_pilot,
     mate_key,
     no_result,
+    view_of,
 )
 from dronecombat_jax.arena.players import Kind, names_flown
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.scripted import build_pilot, one_per_fight
-from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.sides import mates
 from dronecombat_jax.learn.mates import of_mate
@@ -186,7 +185,7 @@ def _pilot(
     policies = None
     if side.policies is not None:
         policies = _policies(kind, of_mate(side.policies, drone.number), side, drone, keys)
-        policies = _seeing(combat, kind.observation, policies)
+    view = view_of(combat.config, kind.observation)
     role = drone.role
     names = names_flown(kind, role)
     pilots = (
@@ -200,26 +199,13 @@ def _pilot(
         follow = lambda: one_per_fight(pilots, jnp.maximum(side.pilot, 0))(state, observation, key)
         if policies is None:
             return follow(), recalled(state, drone.place)
-        action, recall = policies(state, observation, key)
+        action, recall = policies(state, view(state, observation), key)
         if not pilots:
             return action, recall
         other: jax.Array = jax.lax.cond(jnp.any(scripted), follow, lambda: jnp.zeros_like(action))
         return jnp.where(scripted[:, None], other, action), recall
 
     return as_pilot(act, kind.memory)
-
-
-def _seeing(combat: Combat, observation: str, pilot: Act) -> Act:
-    """The pilot, shown the layout `observation` in place of the game's own; "": the game's own."""
-    if not observation:
-        return pilot
-    layout = layout_of(observation, combat.config.game)
-    look = jax.vmap(lambda state: see(combat.config, layout, state))
-
-    def act(state: EnvState, _: jax.Array, key: jax.Array) -> Remembered:
-        return pilot(state, look(state), key)
-
-    return act
 
 
 def _policies(

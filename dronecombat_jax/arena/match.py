@@ -15,7 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
+from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.sides import mates
 from dronecombat_jax.learn.mates import of_drone
@@ -47,14 +49,28 @@ class Remembering:
 
 
 AnyPilot = Pilot | Remembering
+View = Callable[[EnvState, jax.Array], jax.Array]  # (fights, what the game shows) -> what is seen
 Team = AnyPilot | Sequence[AnyPilot]  # of one side, a pilot for each of its drones
 
 
+def view_of(config: Config, observation: str) -> View:
+    """What a pilot is shown where it sees the layout `observation`; "": what the game shows."""
+    if not observation:
+        return lambda state, seen: seen
+    layout = layout_of(observation, config.game)
+    look = jax.vmap(lambda state: see(config, layout, state))
+    return lambda state, seen: look(state)
+
+
 def policy_pilot(
-    learn: LearnConfig, policy: Policy, drone: int, stochastic: bool = False
+    learn: LearnConfig,
+    policy: Policy,
+    drone: int,
+    stochastic: bool = False,
+    view: View = lambda state, seen: seen,
 ) -> AnyPilot:
     """Fly `policy` as `drone`, which in a duel is the role: its mean action or, `stochastic`, a
-    random action.
+    random action. `view`: of `view_of`.
 
     Its log-std is taken as it is: `policies.file.as_flown` puts it into its bounds.
     """
@@ -63,7 +79,7 @@ def policy_pilot(
 
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> Remembered:
         before = recalled(state, drone) if size else None
-        mean, recall = policy_step(learn, policy, observation[:, drone], before)
+        mean, recall = policy_step(learn, policy, view(state, observation)[:, drone], before)
         if not stochastic:
             return mean, recall
         return mean + jnp.exp(policy.log_std) * jax.random.normal(key, mean.shape), recall
@@ -89,12 +105,19 @@ def ready(start: EnvState, *teams: Team) -> EnvState:
 
 
 def policy_team(
-    config: Config, learn: LearnConfig, policy: SidePolicy, role: int, stochastic: bool = False
+    config: Config,
+    learn: LearnConfig,
+    policy: SidePolicy,
+    role: int,
+    stochastic: bool = False,
+    observation: str = "",
 ) -> Sequence[AnyPilot]:
-    """`policy` at the controls of every drone of the side `role`."""
-    sides = config.game.sides
+    """`policy` at the controls of every drone of the side `role`; `observation`: what it sees, where
+    that is not the game's own.
+    """
+    sides, view = config.game.sides, view_of(config, observation)
     return [
-        policy_pilot(learn, of_drone(policy, sides, drone), drone, stochastic)
+        policy_pilot(learn, of_drone(policy, sides, drone), drone, stochastic, view)
         for drone in mates(sides, role)
     ]
 

@@ -9,8 +9,14 @@ import json
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from dronecombat_jax.combat.observe import observation_of
-from dronecombat_jax.config.fields import Config, DroneConfig, RandomiseConfig, SensorConfig
+from dronecombat_jax.combat.observe import OBSERVATIONS, layout_of, observation_of
+from dronecombat_jax.config.fields import (
+    Config,
+    DroneConfig,
+    GameConfig,
+    RandomiseConfig,
+    SensorConfig,
+)
 from dronecombat_jax.config.opponents import SIDES
 from dronecombat_jax.config.schema import flatten
 from dronecombat_jax.config.settings import SCHEMA
@@ -105,6 +111,26 @@ def environment_diff(saved: dict[str, Any], here: dict[str, Any]) -> list[str]:
         for key in sorted(saved.keys() | here.keys())
         if key not in saved or key not in here or saved[key] != here[key]
     ]
+
+
+def game_diff(saved: dict[str, Any], here: dict[str, Any], game: GameConfig) -> list[str]:
+    """The same for a policy that is shown what it saw in its training, in the game `game` of `here`:
+    a layout of `OBSERVATIONS` is its own affair, as long as it has the same parts there.
+    """
+    name = own_view(saved, game)
+    if name:
+        seen = [list(field) for field in layout_of(name, game).fields]
+        here = here | {"game.observation": name, "observation_fields": seen}
+    return environment_diff(saved, here)
+
+
+def own_view(saved: dict[str, Any] | None, game: GameConfig) -> str:
+    """The layout that a policy of the environment `saved` is to be shown in `game`; "": the game's own
+    will do, or its own is not known. None: a pilot that knows any game.
+    """
+    name = None if saved is None else saved.get("game.observation")
+    known = isinstance(name, str) and name in OBSERVATIONS and name != game.observation
+    return str(name) if known else ""
 
 
 def _absent(key: str) -> str:

@@ -10,7 +10,14 @@ from typing import Any, NamedTuple
 
 from dronecombat_jax.analysis.result import Alias, Entrant
 from dronecombat_jax.arena.players import Player, refuse_other_shape
-from dronecombat_jax.combat.fingerprint import ROTORS, SCENE, environment, environment_diff
+from dronecombat_jax.combat.fingerprint import (
+    ROTORS,
+    SCENE,
+    environment,
+    environment_diff,
+    game_diff,
+    own_view,
+)
 from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.config import settings
 from dronecombat_jax.config.body_file import is_file
@@ -66,8 +73,10 @@ def read_field(
         raise UserError(
             "\n".join([*bad, "nothing was flown; --skip-bad flies the others"]), EXIT_DATA
         )
-    contenders = [contender for source in sources for contender in source.contenders]
     config = _game(sources, mjcf)
+    contenders = [
+        in_its_frame(contender, config) for source in sources for contender in source.contenders
+    ]
     if not all(game_of(config).flies):
         raise UserError(
             f"these policies were trained in {config.game.scenario}, where nobody defends: there is no fight",
@@ -76,8 +85,8 @@ def read_field(
     notices = _other_games(contenders, config, allow_mismatch)
     for contender in contenders:
         if contender.player is not None:
-            label, pilot = contender.entrant.label, contender.player.pilot
-            refuse_other_shape(label, contender.role, pilot, config)
+            label, player = contender.entrant.label, contender.player
+            refuse_other_shape(label, contender.role, player.pilot, config, player.observation)
     _refuse_two_of_a_name(contenders)
     seats = _seats(contenders, DEFENDER), _seats(contenders, ATTACKER)
     for role, side in enumerate(seats):
@@ -90,6 +99,14 @@ def read_field(
     if with_starts(config, spawn) != config:
         notices += [f"fights start at other places than in training: {spawn}"]
     return Field(with_starts(config, spawn), seats, tuple(notices), tuple(bad))
+
+
+def in_its_frame(contender: Contender, config: Config) -> Contender:
+    """The contender with the name of what it sees, where that is not what the game shows."""
+    if contender.player is None:
+        return contender
+    seen = own_view(contender.environment, config.game)
+    return contender._replace(player=contender.player._replace(observation=seen))
 
 
 def _game(sources: list[Found], mjcf: str) -> Config:
@@ -144,7 +161,7 @@ def _other_games(contenders: list[Contender], config: Config, allowed: bool) -> 
     here, groups = environment(config), {}
     for contender in contenders:
         if contender.environment is not None:
-            lines = tuple(environment_diff(contender.environment, here))
+            lines = tuple(game_diff(contender.environment, here, config.game))
             groups.setdefault(lines, []).append(contender.entrant.label)
     faults = [
         f"{_named(tuple(dict.fromkeys(labels)))} trained in another game than the first: {one_line(_named(lines, '; '))}"

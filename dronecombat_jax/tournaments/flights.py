@@ -65,16 +65,17 @@ def record_flights(
     key = jax.random.key(rules.seed)
 
     @partial(jax.jit, static_argnums=0)
-    def fly(normalize: tuple[bool, bool], both: Both) -> FightRecord:
+    def fly(views: tuple[tuple[bool, str], ...], both: Both) -> FightRecord:
         teams = [
             policy_team(
                 combat.config,
-                LearnConfig(normalize_observations=normalize[role]),
+                LearnConfig(normalize_observations=scaled),
                 both[role],
                 role,
                 rules.stochastic,
+                observation,
             )
-            for role in (DEFENDER, ATTACKER)
+            for role, (scaled, observation) in enumerate(views)
         ]
         return record(combat, teams[DEFENDER], teams[ATTACKER], starts, key)
 
@@ -89,9 +90,8 @@ def record_flights(
         ):
             continue
         if pair not in known:  # a policy that a chunk did not change flies as before
-            flights = fly(
-                (defender.normalize, attacker.normalize), (defender.pilot, attacker.pilot)
-            )
+            views = tuple((player.normalize, player.observation) for player in (defender, attacker))
+            flights = fly(views, (defender.pilot, attacker.pilot))
             known[pair] = flight(
                 jax.device_get(flights), combat.config.control_dt, combat.config.game.sides
             )

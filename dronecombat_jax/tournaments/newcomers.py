@@ -16,20 +16,21 @@ from dronecombat_jax.arena.players import Player, refuse_other_shape
 from dronecombat_jax.arena.rectangle import Rules
 from dronecombat_jax.arena.round_robin import play
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.fingerprint import digest_of, environment, environment_diff
+from dronecombat_jax.combat.fingerprint import digest_of, environment, game_diff
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config import settings
+from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.config.starts import AS_TRAINED, with_starts
 from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.runs.progress import make_progress
 from dronecombat_jax.tournaments.contenders import Contender, find
+from dronecombat_jax.tournaments.entrants import in_its_frame
 from dronecombat_jax.tournaments.flying import progress_of
 from dronecombat_jax.tournaments.ladder import Ladder, read_ladder, worst_of
 from dronecombat_jax.types import SIDES, Cause
 
 NEWEST = 10**9  # of a run no chunk but the last
-OWN_FRAME = ("game.observation ", "observation_fields ")  # of a policy, and no part of the game
 _MAX_NAMED = 5
 
 
@@ -75,7 +76,10 @@ def rate(
             "python experiments/make_ladder.py makes it anew",
             EXIT_DATA,
         )
-    notes = [_differences(contender, here, ladder, allow_mismatch) for contender in contenders]
+    contenders = [in_its_frame(contender, config) for contender in contenders]
+    notes = [
+        _differences(contender, here, config, ladder, allow_mismatch) for contender in contenders
+    ]
     rules = Rules(fights or ladder.episodes, ladder.seed)
     rated: dict[int, Rated] = {}
     for number, side in enumerate(SIDES):
@@ -115,18 +119,14 @@ def _contenders(word: str, role: str) -> list[Contender]:
 
 
 def _differences(
-    contender: Contender, here: dict, ladder: Ladder, allowed: bool
+    contender: Contender, here: dict, config: Config, ladder: Ladder, allowed: bool
 ) -> tuple[str, ...]:
     """What a reader should know of the game that a policy was trained in; UserError 3 unless
     `allowed`.
     """
     if contender.environment is None:
         return ()
-    differ = [
-        one_line(line)
-        for line in environment_diff(contender.environment, here)
-        if not line.startswith(OWN_FRAME)
-    ]
+    differ = [one_line(line) for line in game_diff(contender.environment, here, config.game)]
     if not differ:
         return ()
     more = f"; and {len(differ) - _MAX_NAMED} more" if len(differ) > _MAX_NAMED else ""
@@ -151,15 +151,14 @@ def _rate_side(
     rules: Rules,
 ) -> list[Rated]:
     """Rate newcomers who all fly as `side`."""
-    own = combat.config.game.observation
-    players = [_in_its_frame(contender, own) for contender in contenders]
+    players = [contender.player for contender in contenders if contender.player is not None]
     for contender, player in zip(contenders, players, strict=True):
         label = contender.entrant.label
         refuse_other_shape(
             label, SIDES.index(side), player.pilot, combat.config, player.observation
         )
     rungs = ladder.side(SIDES[1 - SIDES.index(side)])
-    opponents = [player for rung in rungs for player in _players(rung.word)]
+    opponents = [player for rung in rungs for player in _players(rung.word, combat.config)]
     score = _fly(combat, side, players, opponents, rules)
     rivals = ladder.side(side)
     anchors = np.asarray([rung.rating for rung in rungs])
@@ -205,12 +204,6 @@ def _fly(
     return score if defends else 1.0 - np.moveaxis(score, 0, 1)
 
 
-def _in_its_frame(contender: Contender, own: str) -> Player:
-    """The player with the name of its observation, where that is not the game's `own`."""
-    assert contender.player is not None  # what is missing was refused before
-    seen = own if contender.environment is None else contender.environment["game.observation"]
-    return contender.player._replace(observation="" if seen == own else seen)
-
-
-def _players(word: str) -> list[Player]:
-    return [contender.player for contender in find(word).contenders if contender.player is not None]
+def _players(word: str, config: Config) -> list[Player]:
+    flying = (in_its_frame(contender, config).player for contender in find(word).contenders)
+    return [player for player in flying if player is not None]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dronecombat_jax.arena.players import refuse_other_shape
-from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.fingerprint import environment, game_diff, own_view
 from dronecombat_jax.combat.games import game_of
 from dronecombat_jax.combat.scripted import PILOTS, names_of
 from dronecombat_jax.config import settings
@@ -21,7 +21,7 @@ from dronecombat_jax.policies import shipped
 from dronecombat_jax.runs.evaluation import flown_by, load_run
 from dronecombat_jax.runs.resume import newest_start
 from dronecombat_jax.tournaments.contenders import POLICY_SUFFIX, SCRIPTED_PREFIX, find, identity_of
-from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES, SidePolicy
+from dronecombat_jax.types import DEFENDER, SIDES, SidePolicy
 
 ANCHOR_PRESET = "duel"  # the game of scripted pilots alone
 # who flies where there is no run yet: pilots of the package, or where it holds none scripted ones
@@ -39,6 +39,7 @@ class Flyer(NamedTuple):
     environment: dict[str, Any] | None = None  # the game that it was trained in; None: knows any
     chunk: int = -1  # of a run
     steps: int = 0  # environment steps trained
+    observation: str = ""  # the layout that it sees, as of `arena.players.Player`
 
 
 class Crew(NamedTuple):
@@ -79,7 +80,10 @@ def read_crew(named: Named) -> Crew:
         if flyer is None and run is None:
             raise UserError(f"no {name} is named: give a run, a policy file, or --{name}")
         flyers.append(flyer or of_run(run, role, None, named.run_seed))  # pyright: ignore
-    crew = Crew(config, (flyers[DEFENDER], flyers[ATTACKER]), run)
+    defender, attacker = (
+        flyer._replace(observation=own_view(flyer.environment, config.game)) for flyer in flyers
+    )
+    crew = Crew(config, (defender, attacker), run)
     _refuse_other_games(crew, named.allow_mismatch)
     return crew
 
@@ -257,9 +261,9 @@ def _refuse_other_games(crew: Crew, allowed: bool) -> None:
     for role, flyer in enumerate(crew.flyers):
         if flyer.environment is None or not game_of(crew.config).flies[role]:
             continue
-        lines = [one_line(line) for line in environment_diff(flyer.environment, here)]
+        lines = [one_line(line) for line in game_diff(flyer.environment, here, crew.config.game)]
         if lines and not allowed:
             more = f"; and {len(lines) - 5} more" if len(lines) > 5 else ""
             message = f"{flyer.label} was trained in another game: {'; '.join(lines[:5])}{more}"
             raise UserError(f"{message}; --allow-env-mismatch lets it fly here", EXIT_DATA)
-        refuse_other_shape(flyer.label, role, flyer.pilot, crew.config)
+        refuse_other_shape(flyer.label, role, flyer.pilot, crew.config, flyer.observation)

@@ -78,12 +78,20 @@ def fly_pairs(
     start = start_states(combat, seed, 1)
 
     @partial(jax.jit, static_argnums=0)
-    def fly(normalize: tuple[bool, ...], policies: Sequence[SidePolicy], words: jax.Array) -> Any:
+    def fly(
+        views: tuple[tuple[bool, str], ...], policies: Sequence[SidePolicy], words: jax.Array
+    ) -> Any:
         def fly_one(both: Sequence[SidePolicy], words: jax.Array) -> FightRecord:
-            learn = [LearnConfig(normalize_observations=scaled) for scaled in normalize]
             teams = [
-                policy_team(combat.config, learn[role], both[role], role, stochastic)
-                for role in (0, 1)
+                policy_team(
+                    combat.config,
+                    LearnConfig(normalize_observations=scaled),
+                    both[role],
+                    role,
+                    stochastic,
+                    observation,
+                )
+                for role, (scaled, observation) in enumerate(views)
             ]
             return record(
                 combat,
@@ -96,7 +104,7 @@ def fly_pairs(
         return jax.vmap(fly_one)(policies, words)
 
     flown: dict[int, Trajectory] = {}
-    for normalize, indices in _alike(pairs).items():
+    for views, indices in _alike(pairs).items():
         for first in range(0, len(indices), BATCH):
             part = indices[first : first + BATCH]
             filled = [part[min(i, len(part) - 1)] for i in range(BATCH)]
@@ -106,9 +114,7 @@ def fly_pairs(
             words = [
                 np.stack([content_words(player.identity) for player in side]) for side in chosen
             ]
-            records = joined(
-                jax.device_get(fly(normalize[0], policies, np.concatenate(words, axis=1)))
-            )
+            records = joined(jax.device_get(fly(views[0], policies, np.concatenate(words, axis=1))))
             flown |= {index: trajectory(combat, records, i) for i, index in enumerate(part)}
     return [flown[index] for index in range(len(pairs))]
 
@@ -118,7 +124,8 @@ def _alike(pairs: Sequence[Pair]) -> dict[Any, list[int]]:
     groups: dict[Any, list[int]] = {}
     for index, pair in enumerate(pairs):
         shapes = tuple(tuple(np.shape(x) for x in jax.tree.leaves(player.pilot)) for player in pair)
-        groups.setdefault((tuple(player.normalize for player in pair), shapes), []).append(index)
+        views = tuple((player.normalize, player.observation) for player in pair)
+        groups.setdefault((views, shapes), []).append(index)
     return groups
 
 

@@ -21,7 +21,8 @@ from dronecombat_jax.types import EnvState, FightRecord, SidePolicy, Trajectory
 from dronecombat_jax.watch.flyers import Flyer
 
 Record = Callable[[Flyer, Flyer], list[Trajectory]]
-Kind = str | LearnConfig  # a scripted pilot's name, or how a policy is flown
+# a scripted pilot's name, or how a policy is flown and what it sees, as `Flyer` has it
+Kind = str | tuple[LearnConfig, str]
 
 
 class Filming(NamedTuple):
@@ -54,7 +55,8 @@ def recorder(combat: Combat, filming: Filming) -> Record:
     def call(defender: Flyer, attacker: Flyer) -> list[Trajectory]:
         both = (defender, attacker)
         kinds = tuple(
-            flyer.pilot if isinstance(flyer.pilot, str) else flyer.learn for flyer in both
+            flyer.pilot if isinstance(flyer.pilot, str) else (flyer.learn, flyer.observation)
+            for flyer in both
         )
         pilots = tuple(None if isinstance(flyer.pilot, str) else flyer.pilot for flyer in both)
         words = np.concatenate([content_words(flyer.identity) for flyer in both])
@@ -74,7 +76,8 @@ def _team(
     if isinstance(kind, str):
         return scripted_team(combat, kind, role)
     assert policy is not None
-    return policy_team(combat.config, kind, policy, role, stochastic)
+    learn, observation = kind
+    return policy_team(combat.config, learn, policy, role, stochastic, observation)
 
 
 def joined(fights: FightRecord) -> FightRecord:

@@ -7,9 +7,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from policies import make_policy
 
-from dronecombat_jax.arena.match import fight, policy_pilot, record, start_fights, trajectory
+from dronecombat_jax.arena.match import (
+    fight,
+    policy_pilot,
+    policy_team,
+    record,
+    start_fights,
+    trajectory,
+)
+from dronecombat_jax.combat.observe import layout_of
+from dronecombat_jax.combat.sensors import see
 from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.learn.rollout import policy_mean
 from dronecombat_jax.types import (
     ATTACKER,
     DEFENDER,
@@ -179,3 +190,15 @@ def test_policy_pilot_flies_its_roles_row():
             None, observation, KEY
         )
         np.testing.assert_allclose(raw, observation[:, role, :4])
+
+
+def test_a_policy_is_shown_what_it_saw_in_its_training(arena: SimpleNamespace, start: EnvState):
+    """`engagement` in a game that shows eq. 5: its action is the network's on those 60 numbers."""
+    policy = make_policy((60, 8, 4))
+    learn, config = LearnConfig(), arena.combat.config
+    (pilot,) = policy_team(config, learn, policy, ATTACKER, False, "engagement")
+    layout = layout_of("engagement", config.game)
+    seen = jax.vmap(lambda state: see(config, layout, state))(start)
+    given = jax.vmap(arena.combat.observe)(start)
+    wanted = policy_mean(learn, policy, seen[:, ATTACKER])
+    np.testing.assert_allclose(pilot(start, given, KEY), wanted, atol=1e-6)

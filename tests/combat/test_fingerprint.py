@@ -12,6 +12,8 @@ from dronecombat_jax.combat.fingerprint import (
     environment,
     environment_diff,
     environment_digest,
+    game_diff,
+    own_view,
 )
 from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.config import settings
@@ -214,3 +216,17 @@ def test_fields_of_both_observations():
         "w_self",
     ]
     assert json.loads(json.dumps(environment(Config()))) == environment(Config())
+
+
+def test_what_a_policy_sees_is_its_own_affair_as_long_as_it_is_known_and_the_same():
+    game = GameConfig()
+    here = environment(Config())
+    saved = environment(Config(game=GameConfig(observation="ego", intercept_radius=0.3)))
+    assert own_view(saved, game) == "ego" and own_view(here, game) == own_view(None, game) == ""
+    (line,) = game_diff(saved, here, game)
+    assert line.startswith("game.intercept_radius is 0.3 there")
+    renamed = saved | {"game.intercept_radius": game.intercept_radius, "observation_fields": []}
+    (line,) = game_diff(renamed, here, game)
+    assert line.startswith("observation_fields is [] there")
+    strange = saved | {"game.observation": "mine:look"}
+    assert own_view(strange, game) == "" and len(game_diff(strange, here, game)) == 3

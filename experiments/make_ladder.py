@@ -112,7 +112,7 @@ def write(ladder) -> None:
         (shipped.FOLDER / shipped.CARDS).write_text(table + "\n")
     tables = standing_page(ladder)
     made = re.compile(MADE.format(f"standing {ladder.spawn}"), re.DOTALL)
-    PAGE.write_text(made.sub(lambda _: tables, PAGE.read_text()))
+    PAGE.write_text(made.sub(lambda _: tables, PAGE.read_text(), count=1))
 
 
 def write_all(episodes: int) -> None:

@@ -63,7 +63,8 @@ def test_the_wheel_holds_the_pages_scripts_and_their_licence(wheel):
 
 def test_the_wheel_holds_the_pilots_and_their_cards(wheel):
     files = names(wheel / "dronecombat_jax", "pilots/*")
-    assert {"pilots/cards.json", "pilots/ladder.json"} <= files and len(files) == 42
+    others = {f"pilots/{name}.json" for name in ("cards", "ladder", "ladder_even")}
+    assert others <= files and len(files) == 60 + len(others)
     assert files == names(ROOT / "dronecombat_jax", "pilots/*")
 
 

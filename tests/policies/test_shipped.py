@@ -8,7 +8,7 @@ import pytest
 from policies import SIZES, make_info, make_policy
 
 from dronecombat_jax.cli import commands
-from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.fingerprint import environment, game_diff
 from dronecombat_jax.config import settings
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.policies import shipped
@@ -18,6 +18,7 @@ from dronecombat_jax.types import ATTACKER, DEFENDER
 from dronecombat_jax.watch.flyers import Named, read_crew
 
 NAMES = ("ippo-attacker-9", "ippo-attacker-34", "ippo-defender-34", "sippo-attacker-34")
+from dronecombat_jax.types import SIDES
 
 
 @pytest.fixture
@@ -99,22 +100,29 @@ def test_the_command_lists_them(folder, capsys):
 
 def test_the_package_holds_ten_policies_a_side_of_each_method_each_with_its_card():
     known, cards = shipped.names(), shipped.cards()
-    assert set(cards) == set(known) and len(known) == 40
-    for kind in ("ippo-attacker", "ippo-defender", "sippo-attacker", "sippo-defender"):
+    assert set(cards) == set(known) and len(known) == 60
+    methods = {
+        "ippo": ("make train-ippo", 20_400_000),
+        "sippo": ("make train-sippo", 20_400_000),
+        "strong": ("dronecombat train --preset strong", 40_200_000),
+    }
+    for kind in (f"{method}-{side}" for method in methods for side in SIDES):
         chunks = [int(name.rpartition("-")[2]) for name in known if name.startswith(f"{kind}-")]
         assert len(chunks) == 10 and chunks == sorted(chunks) and chunks[0] > 0
-    for card in cards.values():
-        assert card.low < card.rating < card.high and card.trained.startswith("make train-")
-        assert 0 < card.steps <= 20_400_000
+    for name, card in cards.items():
+        command, steps = methods[name.partition("-")[0]]
+        assert card.low < card.rating < card.high and card.trained == command
+        assert 0 < card.steps <= steps
 
 
 def test_every_shipped_pilot_flies_in_the_default_game():
-    """Whole, of the game of preset `duel`, with weights that are numbers."""
+    """Whole, of the game of preset `duel`, whatever each sees, with weights that are numbers."""
     found = find("pilots:all")
-    game = environment(settings.load("duel"))
-    assert len(found.contenders) == 40 and found.bad == ()
+    config = settings.load("duel")
+    game = environment(config)
+    assert len(found.contenders) == 60 and found.bad == ()
     for contender in found.contenders:
         assert contender.environment is not None
-        assert environment_diff(contender.environment, game) == []
+        assert game_diff(contender.environment, game, config.game) == []
         assert contender.player is not None and not isinstance(contender.player.pilot, str)
         assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(contender.player.pilot))

@@ -14,11 +14,10 @@ from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.file import save_policy
 from dronecombat_jax.tournaments.contenders import find
-from dronecombat_jax.types import ATTACKER, DEFENDER
+from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES
 from dronecombat_jax.watch.flyers import Named, read_crew
 
 NAMES = ("ippo-attacker-9", "ippo-attacker-34", "ippo-defender-34", "sippo-attacker-34")
-from dronecombat_jax.types import SIDES
 
 
 @pytest.fixture

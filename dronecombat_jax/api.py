@@ -104,8 +104,8 @@ def tournament(
 
     `entrants`: runs, policy files, `scripted:NAME` or `scripted:all`; `episodes`: fights of a pair;
     `every`: of a run every n-th chunk, and the last; `spawn`: where they start (`config.starts`). Its
-    folder is `root`/`name`. Raises UserError,
-    and KeyboardInterrupt where it was stopped: the same call goes on.
+    folder is `root`/`name`. Raises UserError, and KeyboardInterrupt where it was stopped: the same
+    call goes on.
     """
     prepare()
     from dronecombat_jax.arena.rectangle import Rules

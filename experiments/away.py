@@ -107,8 +107,7 @@ def _minus(values: Sequence[float], others: Sequence[float], digits: int) -> str
 
 def fly(study: variants.Study, root: Path, fights: int, tournaments: Path) -> list[dict[str, Any]]:
     """The tournament of all runs of the study that are whole, and what each came to. SystemExit,
-    one line, where there are none, where two variants have a run of one name, and for what cannot
-    be flown.
+    one line, where there are none and for what cannot be flown.
     """
     from dronecombat_jax.arena.rectangle import Rules
     from dronecombat_jax.machine import backend

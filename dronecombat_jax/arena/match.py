@@ -53,10 +53,15 @@ View = Callable[[EnvState, jax.Array], jax.Array]  # (fights, what the game show
 Team = AnyPilot | Sequence[AnyPilot]  # of one side, a pilot for each of its drones
 
 
+def as_shown(state: EnvState, seen: jax.Array) -> jax.Array:
+    """The view of a pilot that sees what the game shows."""
+    return seen
+
+
 def view_of(config: Config, observation: str) -> View:
     """What a pilot is shown where it sees the layout `observation`; "": what the game shows."""
     if not observation:
-        return lambda state, seen: seen
+        return as_shown
     layout = layout_of(observation, config.game)
     look = jax.vmap(lambda state: see(config, layout, state))
     return lambda state, seen: look(state)
@@ -67,7 +72,7 @@ def policy_pilot(
     policy: Policy,
     drone: int,
     stochastic: bool = False,
-    view: View = lambda state, seen: seen,
+    view: View = as_shown,
 ) -> AnyPilot:
     """Fly `policy` as `drone`, which in a duel is the role: its mean action or, `stochastic`, a
     random action. `view`: of `view_of`.

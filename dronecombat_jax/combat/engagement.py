@@ -16,8 +16,8 @@ from dronecombat_jax.types import Drones
 NEAR = 0.5  # m, within which a line of sight is not said to turn ever faster
 SLOW = 1.0  # m/s, below which nothing is said to come near soon
 AHEAD = 1.0  # s, how far the closest approach is looked for
-# Of one thing: range, closing speed, rate of the line of sight, time to the closest approach, where
-# it is then, unit direction.
+# Of one thing: r range, c closing speed, l rate of the line of sight, n time until it is nearest,
+# m where it is then (the miss), u unit direction.
 APPROACH_FIELDS: Fields = (("r", 1), ("c", 1), ("l", 3), ("n", 1), ("m", 3), ("u", 3))
 
 

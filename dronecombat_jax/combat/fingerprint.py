@@ -114,8 +114,10 @@ def environment_diff(saved: dict[str, Any], here: dict[str, Any]) -> list[str]:
 
 
 def game_diff(saved: dict[str, Any], here: dict[str, Any], game: GameConfig) -> list[str]:
-    """The same for a policy that is shown what it saw in its training, in the game `game` of `here`:
-    a layout of `OBSERVATIONS` is its own affair, as long as it has the same parts there.
+    """`environment_diff` of a policy that is shown what it saw in its training.
+
+    Another layout of `OBSERVATIONS` than the game's is no difference, if it has the same parts in
+    `game`, the game of `here`.
     """
     name = own_view(saved, game)
     if name:
@@ -125,8 +127,8 @@ def game_diff(saved: dict[str, Any], here: dict[str, Any], game: GameConfig) -> 
 
 
 def own_view(saved: dict[str, Any] | None, game: GameConfig) -> str:
-    """The layout that a policy of the environment `saved` is to be shown in `game`; "": the game's own
-    will do, or its own is not known. None: a pilot that knows any game.
+    """The layout of `OBSERVATIONS` that a policy of the environment `saved` is to be shown in `game`; "":
+    what the game shows. `saved` None: a pilot that knows any game.
     """
     name = None if saved is None else saved.get("game.observation")
     known = isinstance(name, str) and name in OBSERVATIONS and name != game.observation

@@ -50,7 +50,7 @@ def refuse_unknown_game(config: Config) -> None:
     known = {"scenario": game_of(config) is DUEL, "observation": game.observation in SEEN}
     for what in (what for what, is_known in known.items() if not is_known):
         name = one_line(getattr(game, what))
-        raise UserError(f"game.{what} = {name}: the page knows duel, {' and '.join(SEEN)} alone")
+        raise UserError(f"game.{what} = {name}: the page knows duel, {', '.join(SEEN)} alone")
 
 
 def game_data(config: Config, scene: Scene) -> Data:

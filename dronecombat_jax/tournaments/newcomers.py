@@ -1,7 +1,8 @@
 """`dronecombat rate`: a policy meets the ladder's players of the other side, from the ladder's starts.
 
-There is one ladder from rest and one from even starts. A policy flies in the layout of observations that its own file names. What does not live here: the
-ladder (`ladder`), the statistics (`analysis.newcomer`).
+There is one ladder from rest and one from even starts. A policy is shown the layout of observations
+that its own file names. What does not live here: the ladder (`ladder`), the statistics
+(`analysis.newcomer`).
 """
 
 import math

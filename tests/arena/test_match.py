@@ -197,6 +197,7 @@ def test_a_policy_is_shown_what_it_saw_in_its_training(arena: SimpleNamespace, s
     policy = make_policy((60, 8, 4))
     learn, config = LearnConfig(), arena.combat.config
     (pilot,) = policy_team(config, learn, policy, ATTACKER, False, "engagement")
+    assert callable(pilot)
     layout = layout_of("engagement", config.game)
     seen = jax.vmap(lambda state: see(config, layout, state))(start)
     given = jax.vmap(arena.combat.observe)(start)

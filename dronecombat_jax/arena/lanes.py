@@ -22,11 +22,11 @@ from dronecombat_jax.arena.match import (
     as_pilot,
     mate_key,
     no_result,
-    view_of,
 )
 from dronecombat_jax.arena.players import Kind, names_flown
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import build_pilot, one_per_fight
+from dronecombat_jax.combat.sensors import view_of
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.sides import mates
 from dronecombat_jax.learn.mates import of_mate

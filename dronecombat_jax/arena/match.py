@@ -15,9 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
-from dronecombat_jax.combat.sensors import see
+from dronecombat_jax.combat.sensors import View, as_shown, view_of
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.sides import mates
 from dronecombat_jax.learn.mates import of_drone
@@ -49,22 +48,7 @@ class Remembering:
 
 
 AnyPilot = Pilot | Remembering
-View = Callable[[EnvState, jax.Array], jax.Array]  # (fights, what the game shows) -> what is seen
 Team = AnyPilot | Sequence[AnyPilot]  # of one side, a pilot for each of its drones
-
-
-def as_shown(state: EnvState, seen: jax.Array) -> jax.Array:
-    """The view of a pilot that sees what the game shows."""
-    return seen
-
-
-def view_of(config: Config, observation: str) -> View:
-    """What a pilot is shown where it sees the layout `observation`; "": what the game shows."""
-    if not observation:
-        return as_shown
-    layout = layout_of(observation, config.game)
-    look = jax.vmap(lambda state: see(config, layout, state))
-    return lambda state, seen: look(state)
 
 
 def policy_pilot(

@@ -7,11 +7,12 @@ rewards know the state itself.
 """
 
 import math
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 
-from dronecombat_jax.combat.observe import Observation
+from dronecombat_jax.combat.observe import Observation, layout_of
 from dronecombat_jax.config.fields import Config, SensorConfig
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import UserError
@@ -19,6 +20,8 @@ from dronecombat_jax.sim import noise
 from dronecombat_jax.sim.flight import split
 from dronecombat_jax.sim.rotation import multiply, rotate_inverse
 from dronecombat_jax.types import SIDES, Craft, Drones, EnvState
+
+View = Callable[[EnvState, jax.Array], jax.Array]  # (fights, what the game shows) -> what is seen
 
 ERRORS = 12  # of a drone: position, attitude, velocity, rate
 ALL_ROUND = 360.0  # degrees
@@ -61,6 +64,20 @@ def see(config: Config, observation: Observation, state: EnvState) -> jax.Array:
         return seen
     sensing = jnp.asarray([SIDES[side] == config.sensor.side for side in config.game.sides])
     return jnp.where(sensing[:, None], seen, exact())
+
+
+def as_shown(state: EnvState, seen: jax.Array) -> jax.Array:
+    """The view of a pilot that sees what the game shows."""
+    return seen
+
+
+def view_of(config: Config, observation: str) -> View:
+    """What a pilot is shown where it sees the layout `observation`; "": what the game shows."""
+    if not observation:
+        return as_shown
+    layout = layout_of(observation, config.game)
+    look = jax.vmap(lambda state: see(config, layout, state))
+    return lambda state, seen: look(state)
 
 
 def noisy(sensor: SensorConfig) -> bool:

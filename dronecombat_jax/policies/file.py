@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.fingerprint import environment, game_diff
 from dronecombat_jax.combat.sight import GROUPS, SLOT_SIZE
 from dronecombat_jax.config.fields import Config, LearnConfig
 from dronecombat_jax.config.schema import one_line
@@ -102,8 +102,9 @@ def require_environment(
     """How the game that a policy was trained in differs from that of `config`; one line each, none
     where equal.
 
-    Raises UserError 3 that names the first five differences, unless they are allowed. A policy that
-    wants other scaling of its observations than `config.learn` is refused in any case: it would fly
+    Another observation of the package than the game's is no difference: whoever flies the policy
+    shows it what it saw in its training (`fingerprint.own_view`). Raises UserError 3 that names the
+    first five differences, unless they are allowed. A policy that wants other scaling of its observations than `config.learn` is refused in any case: it would fly
     blindly.
     """
     if info.normalize_observations != config.learn.normalize_observations:
@@ -111,7 +112,9 @@ def require_environment(
         raise UserError(
             f"policy of {info.run}: it needs learn.normalize_observations = {wanted}", EXIT_DATA
         )
-    lines = [one_line(line) for line in environment_diff(info.environment, environment(config))]
+    lines = [
+        one_line(line) for line in game_diff(info.environment, environment(config), config.game)
+    ]
     if lines and not allow_mismatch:
         more = f"; and {len(lines) - _MAX_NAMED} more" if len(lines) > _MAX_NAMED else ""
         listed = "; ".join(lines[:_MAX_NAMED])

@@ -35,6 +35,7 @@ class Opponent(NamedTuple):
     label: str
     pilot: SidePolicy | str  # NumPy leaves; or the name of a scripted pilot
     learn: LearnConfig  # how the policy sees
+    observation: str = ""  # the layout that it sees; "": that of the page's game
 
 
 def refuse_unknown_game(config: Config) -> None:
@@ -119,6 +120,11 @@ def opponent_data(opponent: Opponent) -> Data:
         raise UserError(
             f"{label}: the page flies policies without memory alone. dronecombat replay shows its fights"
         )
+    if opponent.observation not in ("", *SEEN):
+        raise UserError(
+            f"{label} sees by {opponent.observation}: the page knows {', '.join(SEEN)} alone. "
+            "dronecombat replay shows its fights"
+        )
     network, scaler = policy.network, policy.observation_scaler
     divisor = np.sqrt(np.asarray(scaler.variance, np.float32)) + np.float32(EPSILON)
     layers = zip(network.weights, network.biases, strict=True)
@@ -130,6 +136,7 @@ def opponent_data(opponent: Opponent) -> Data:
         "normalize": opponent.learn.normalize_observations,
         "clip": CLIP,
         "numbers": base64.b64encode(flat.astype("<f4").tobytes()).decode(),
+        **({"observation": opponent.observation} if opponent.observation else {}),
     }
 
 

@@ -12,7 +12,7 @@ from scipy import stats
 from dronecombat_jax.arena.match import Team, fight, policy_team, scripted_team, start_fights
 from dronecombat_jax.arena.match import drawn_numbers as drawn_in
 from dronecombat_jax.combat.env import Combat
-from dronecombat_jax.combat.fingerprint import environment, environment_diff
+from dronecombat_jax.combat.fingerprint import environment, environment_diff, own_view
 from dronecombat_jax.combat.observe import layout_of
 from dronecombat_jax.combat.rules import outcome_table
 from dronecombat_jax.config.fields import Config
@@ -25,6 +25,7 @@ from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files.atomic import write_atomic
 from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.learn.mates import Both
+from dronecombat_jax.policies.file import SavedPolicy
 from dronecombat_jax.runs.opponents import kept_policy
 from dronecombat_jax.runs.records import ENDINGS
 from dronecombat_jax.runs.resume import load_state, newest_start
@@ -50,7 +51,7 @@ class SavedRun(NamedTuple):
     state: TrainState  # NumPy leaves [S, ...]
     met: dict[str, Any]  # the environment that it was trained in (`combat.fingerprint`)
     # by side: who sits in the place of one that never learns, a policy or a scripted pilot's name
-    frozen: tuple[SidePolicy | str | None, ...] = (None, None)
+    frozen: tuple[SavedPolicy | str | None, ...] = (None, None)
 
 
 def load_run(path: Path, chunk: int | None = None) -> SavedRun:
@@ -65,7 +66,7 @@ def load_run(path: Path, chunk: int | None = None) -> SavedRun:
     return SavedRun(config, combat, start.iteration, state, met, frozen)
 
 
-def _frozen(run: RunDirectory, config: Config, side: int) -> SidePolicy | str | None:
+def _frozen(run: RunDirectory, config: Config, side: int) -> SavedPolicy | str | None:
     """Who sits in the place of a side that never learns; None for one that does."""
     row = stands_for(config, side)
     return None if row is None else row.scripted or kept_policy(run, config, row)
@@ -85,8 +86,21 @@ def flown_by(run: SavedRun, seed_index: int) -> tuple[SidePolicy | str, SidePoli
     never learns, the frozen policy or the scripted pilot that it trained against.
     """
     live = policies(run, seed_index)
-    either = lambda side: live[side] if run.frozen[side] is None else run.frozen[side]
-    return either(DEFENDER), either(ATTACKER)  # pyright: ignore[reportReturnType]
+
+    def either(side: int) -> SidePolicy | str:
+        frozen = run.frozen[side]
+        if frozen is None:
+            return live[side]
+        return frozen if isinstance(frozen, str) else frozen.policy
+
+    return either(DEFENDER), either(ATTACKER)
+
+
+def shown_to(run: SavedRun, side: int) -> str:
+    """The layout of `OBSERVATIONS` that `flown_by`'s policy sees; "": what the run's game shows."""
+    frozen = run.frozen[side]
+    known = isinstance(frozen, SavedPolicy)
+    return own_view(frozen.info.environment, run.config.game) if known else ""
 
 
 class Match(NamedTuple):
@@ -122,7 +136,7 @@ def play(run: SavedRun, seed_index: int, match: Match) -> FightResult:
             return scripted_team(combat, names[role], role)
         # who is frozen flew its mean action in training, too
         drawn = match.stochastic and run.frozen[role] is None
-        return policy_team(config, learn, policy, role, drawn)
+        return policy_team(config, learn, policy, role, drawn, shown_to(run, role))
 
     def fly(
         defender: SidePolicy | None, attacker: SidePolicy | None, key: jax.Array

@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dronecombat_jax.combat.fingerprint import own_view
 from dronecombat_jax.combat.scripted import names_of
-from dronecombat_jax.config.fields import Config
+from dronecombat_jax.config.fields import Config, GameConfig
 from dronecombat_jax.config.opponents import Row, table
 from dronecombat_jax.config.schema import one_line
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
@@ -33,7 +34,8 @@ from dronecombat_jax.policies.file import (
     tensors_of,
 )
 from dronecombat_jax.policies.info import metadata_of
-from dronecombat_jax.types import SIDES, SidePolicy
+from dronecombat_jax.selfplay.opponents import Guest
+from dronecombat_jax.types import SIDES
 
 SUFFIX = ".safetensors"
 META = "opponents"  # of a checkpoint: digests of the copies by their names
@@ -45,10 +47,10 @@ class Frozen(NamedTuple):
     saved: dict[str, SavedPolicy]
     files: dict[str, str]  # the name of each one's copy
 
-    @property
-    def cast(self) -> dict[str, SidePolicy]:
-        """What flies; NumPy leaves."""
-        return {row: saved.policy for row, saved in self.saved.items()}
+    def cast(self, game: GameConfig) -> dict[str, Guest]:
+        """Who flies in `game`; NumPy leaves."""
+        see = lambda saved: own_view(saved.info.environment, game)
+        return {row: Guest(saved.policy, see(saved)) for row, saved in self.saved.items()}
 
     @property
     def digests(self) -> dict[str, str]:
@@ -111,9 +113,9 @@ def keep(run: RunDirectory, frozen: Frozen) -> None:
         save_policy(run.opponents / frozen.files[row], policy, info, force=True)
 
 
-def kept_policy(run: RunDirectory, config: Config, wanted: Row) -> SidePolicy:
+def kept_policy(run: RunDirectory, config: Config, wanted: Row) -> SavedPolicy:
     """The copy of one row of a run, for those who look at it. CheckpointError."""
-    return _copy(run, next(name for row, name in _rows(config) if row == wanted)).policy
+    return _copy(run, next(name for row, name in _rows(config) if row == wanted))
 
 
 def _gather(config: Config, read: Callable[[Row, str], SavedPolicy]) -> Frozen:

@@ -59,7 +59,7 @@ class Program:
         from dronecombat_jax.combat.env import Combat
 
         self.config = config
-        self._cast = frozen.cast if frozen else {}
+        self._cast = frozen.cast(config.game) if frozen else {}
         self._cast_digests = sorted(frozen.digests.items()) if frozen else []
         self.combat = Combat(config)
         self.mesh = seed_devices(config)

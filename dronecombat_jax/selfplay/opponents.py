@@ -8,6 +8,7 @@ players (`pool`).
 """
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ import numpy as np
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import Pilot, build_pilot
+from dronecombat_jax.combat.sensors import view_of
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.config.opponents import NOBODY as ALONE
 from dronecombat_jax.config.opponents import Places, Row, live_part, places, table
@@ -39,8 +41,15 @@ from dronecombat_jax.types import (
     SidePolicy,
 )
 
-# The frozen policies of a run by their rows' names; NumPy leaves without leading axes.
-Cast = Mapping[str, SidePolicy]
+
+class Guest(NamedTuple):
+    """A frozen policy that a run trains against."""
+
+    policy: SidePolicy  # NumPy leaves without leading axes
+    observation: str = ""  # the layout that it sees, of `OBSERVATIONS`; "": that of the game flown
+
+
+Cast = Mapping[str, Guest]  # by their rows' names
 
 
 def counted_rows(config: Config) -> tuple[Row | None, ...]:
@@ -211,10 +220,13 @@ def _fixed(combat: Combat, row: Row, drone: int, cast: Cast) -> Seat:
     if row.scripted:
         pilot = build_pilot(row.scripted, combat.config, combat.scene, row.side, drone)
         return _steady(pilot, drone)
-    policy, learn = of_drone(cast[row.name], combat.sides, drone), combat.config.learn
+    guest, learn = cast[row.name], combat.config.learn
+    policy = of_drone(guest.policy, combat.sides, drone)
+    look = view_of(combat.config, guest.observation)
 
     def act(env: EnvState, seen: jax.Array, noise: jax.Array) -> Acts:
-        action, recall = policy_step(learn, policy, seen[:, drone], recalled(env, drone))
+        own = look(env, seen)[:, drone]
+        action, recall = policy_step(learn, policy, own, recalled(env, drone))
         return action, jnp.zeros(action.shape[0]), recall
 
     return act

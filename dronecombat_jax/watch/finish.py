@@ -21,7 +21,15 @@ from dronecombat_jax.files import metrics
 from dronecombat_jax.files.rundir import RunDirectory
 from dronecombat_jax.report.figures import learning_curves
 from dronecombat_jax.report.video import render_fight
-from dronecombat_jax.runs.evaluation import Match, SavedRun, evaluate, flown_by, is_own, load_run
+from dronecombat_jax.runs.evaluation import (
+    Match,
+    SavedRun,
+    evaluate,
+    flown_by,
+    is_own,
+    load_run,
+    shown_to,
+)
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, FightRecord, SidePolicy, Trajectory
 from dronecombat_jax.watch.replay import write_replay
 
@@ -119,7 +127,8 @@ def record_fights(
     def team(policy: SidePolicy | None, role: int) -> Team:
         if policy is None:
             return scripted_team(combat, str(who[role]), role)
-        return policy_team(run.config, run.config.learn, policy, role)
+        seen = shown_to(run, role)
+        return policy_team(run.config, run.config.learn, policy, role, observation=seen)
 
     def match(
         defender: SidePolicy | None, attacker: SidePolicy | None, key: jax.Array

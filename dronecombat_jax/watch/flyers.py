@@ -18,7 +18,8 @@ from dronecombat_jax.errors import EXIT_DATA, UserError
 from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.rundir import RunDirectory, find_run
 from dronecombat_jax.policies import shipped
-from dronecombat_jax.runs.evaluation import flown_by, load_run
+from dronecombat_jax.policies.file import SavedPolicy
+from dronecombat_jax.runs.evaluation import flown_by, load_run, shown_to
 from dronecombat_jax.runs.resume import newest_start
 from dronecombat_jax.tournaments.contenders import POLICY_SUFFIX, SCRIPTED_PREFIX, find, identity_of
 from dronecombat_jax.types import DEFENDER, SIDES, SidePolicy
@@ -131,7 +132,10 @@ def of_run(run: RunDirectory, role: int, chunk: int | None, run_seed: int) -> Fl
         normalize = config.learn.normalize_observations
         identity = policy if isinstance(policy, str) else identity_of(policy, normalize)
         label = f"{policy} (scripted)" if row.scripted else row.who
-        return Flyer(label, policy, config.learn, identity)
+        frozen = saved.frozen[role]
+        met = frozen.info.environment if isinstance(frozen, SavedPolicy) else None
+        seen = shown_to(saved, role)
+        return Flyer(label, policy, config.learn, identity, met, observation=seen)
     assert not isinstance(policy, str)
     name, chunk = run_name(run), saved.iteration // config.train.chunk_iterations
     seeded = f"{name}/{first + index}" if config.train.num_seeds > 1 else name

@@ -60,7 +60,8 @@ def play_data(opponents: Opponents, side: str = "") -> Data:
         "title": f"Fly against {one_line(opponent.label)}",
         "side": person,
         "opponents": [
-            flyer and opponent_data(Opponent(flyer.label, flyer.pilot, flyer.learn))
+            flyer
+            and opponent_data(Opponent(flyer.label, flyer.pilot, flyer.learn, flyer.observation))
             for flyer in opponents.flyers
         ],
         "game": game_data(config, load_scene(config.sim)),

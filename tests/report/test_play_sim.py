@@ -14,7 +14,7 @@ import pytest
 from browser import Tab, chromium
 from drones import BIG, write
 from golden_flights import CODE, as_json, in_node, numbers
-from policies import make_policy
+from policies import SIZES, make_policy
 
 from dronecombat_jax.combat.autopilot import airframe, attainable, steer
 from dronecombat_jax.combat.env import Combat
@@ -215,7 +215,8 @@ def anyhow(count: int) -> list[EnvState]:
 def test_observations_and_the_networks_actions_agree(observation: str, normalize: bool):
     config = Config(game=GameConfig(observation=observation))  # pyright: ignore
     combat, states = Combat(config), anyhow(20)
-    policy, learn = make_policy(), LearnConfig(normalize_observations=normalize)
+    policy = make_policy((combat.observation.size, *SIZES[1:]))
+    learn = LearnConfig(normalize_observations=normalize)
     asked = {
         "game": game_data(config, combat.scene),
         "states": [as_json(state) for state in states],

@@ -8,11 +8,13 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from policies import make_info, make_policy
 from saved_runs import TOY, write_run
 from tiny import CHUNK, COMMAND, STEPS, finish
 from tiny import train as begin
 from toy_training import ToyState
 
+from dronecombat_jax.combat.sensors import view_of
 from dronecombat_jax.config import flags, settings
 from dronecombat_jax.config.fields import Config, SelfPlayConfig
 from dronecombat_jax.config.opponents import table
@@ -20,13 +22,17 @@ from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.files import checkpoint, metrics
 from dronecombat_jax.files.claim import claim_run
 from dronecombat_jax.files.rundir import RunDirectory
-from dronecombat_jax.policies.file import load_policy
-from dronecombat_jax.runs.evaluation import Match, flown_by, load_run, play
+from dronecombat_jax.learn.rollout import policy_mean
+from dronecombat_jax.policies.file import load_policy, save_policy
+from dronecombat_jax.runs.evaluation import Match, flown_by, load_run, play, shown_to
 from dronecombat_jax.runs.export import export
 from dronecombat_jax.runs.opponents import keep, kept_policy, read_kept, read_named
 from dronecombat_jax.runs.progress import Progress
 from dronecombat_jax.runs.saving import Saver
 from dronecombat_jax.types import ATTACKER, DEFENDER
+from dronecombat_jax.watch.finish import record_fights
+from dronecombat_jax.watch.flyers import Named, of_run, read_crew, read_opponents
+from dronecombat_jax.watch.play import play_data
 
 
 @pytest.fixture(scope="module")
@@ -53,11 +59,11 @@ def test_a_file_a_run_and_one_of_its_chunks_can_be_named(home):
     expected = load_policy(home / "defender.safetensors").policy
     for word in (f"{home}/defender.safetensors", f"{home}/old", f"{home}/old:3"):
         frozen = read_named(against(f"defender={word} 0.5"))
-        assert same(frozen.cast[f"defender={word}"], expected)
+        assert same(frozen.saved[f"defender={word}"].policy, expected)
         assert "seed 4, chunk 3" in frozen.lines[0]
     first = read_named(against(f"defender={home}/old:0 0.5"))
-    assert same(first.cast[f"defender={home}/old:0"], flown_by(old(0), 0)[DEFENDER])
-    assert not same(first.cast[f"defender={home}/old:0"], expected)
+    assert same(first.saved[f"defender={home}/old:0"].policy, flown_by(old(0), 0)[DEFENDER])
+    assert not same(first.saved[f"defender={home}/old:0"].policy, expected)
 
 
 @pytest.mark.parametrize(
@@ -91,8 +97,9 @@ def test_copies_are_kept_and_proven(home, tmp_path):
     ]
     meta = json.loads(json.dumps(frozen.meta))
     kept = read_kept(run, config, meta)
-    assert same(kept.cast, frozen.cast) and kept.digests == frozen.digests
-    assert same(kept_policy(run, config, table(config)[0]), kept.cast[table(config)[0].name])
+    assert same(kept.cast(config.game), frozen.cast(config.game)) and kept.digests == frozen.digests
+    first = table(config)[0]
+    assert same(kept_policy(run, config, first).policy, kept.saved[first.name].policy)
 
     other = read_named(against(f"defender={home}/old:1 0.5"))
     copy = run.opponents / "defender-1.safetensors"
@@ -119,7 +126,8 @@ def test_a_run_whose_folder_has_gone_takes_its_opponents_along(home, tmp_path):
         saver.save(state)
     assert saver.run.path != run.path
     manifest = checkpoint.verify(saver.run.checkpoints, 2)
-    assert same(read_kept(saver.run, config, manifest.meta).cast, frozen.cast)
+    kept = read_kept(saver.run, config, manifest.meta)
+    assert same(kept.cast(config.game), frozen.cast(config.game))
 
 
 def refused(run: RunDirectory, config: Config, meta: dict, message: str) -> None:
@@ -147,6 +155,38 @@ def test_the_frozen_side_is_flown_by_the_opponent_and_is_no_policy_of_the_run(ho
     assert flown_by(run, 0)[DEFENDER] == "hover_guard"
     mine, named = (play(run, 0, Match(4, defender=name)) for name in ("", "hover_guard"))
     np.testing.assert_array_equal(mine.steps, named.steps)
+
+
+@pytest.mark.long
+def test_a_policy_with_another_view_is_met_as_it_saw_in_its_training(tmp_path):
+    """In training, evaluations, films, replays and on the page to fly in."""
+    file = tmp_path / "made.safetensors"
+    save_policy(file, make_policy(), make_info(TOY, role="defender"))
+    base = against(f"defender={file}")
+    config = replace(base, game=replace(base.game, observation="ego"))
+    frozen = read_named(config)
+    (guest,) = frozen.cast(config.game).values()
+    (at_home,) = read_named(base).cast(base.game).values()
+    assert (guest.observation, at_home.observation) == ("world", "")
+    write_run(tmp_path / "new", config, chunks=1)
+    keep(RunDirectory(tmp_path / "new"), frozen)
+    run = load_run(tmp_path / "new")
+    assert (shown_to(run, DEFENDER), shown_to(run, ATTACKER)) == ("world", "")
+    flyer = of_run(RunDirectory(tmp_path / "new"), DEFENDER, None, -1)
+    assert flyer.observation == "world" and flyer.environment["game.observation"] == "world"
+    crew = read_crew(Named((str(tmp_path / "new"),)))
+    assert [each.observation for each in crew.flyers] == ["world", ""]
+    page = play_data(read_opponents((str(tmp_path / "new"),)))
+    assert page["game"]["observation"] == "ego"
+    assert [each.get("observation") for each in page["opponents"]] == ["world", None]
+
+    combat, learn = run.combat, run.config.learn
+    policy, fights = flown_by(run, 0)[DEFENDER], record_fights(run, 0, 4)
+    seen = jax.vmap(combat.observe)(fights.start)
+    flown = lambda shown: np.clip(policy_mean(learn, policy, shown[:, DEFENDER]), -1.0, 1.0)
+    wanted = flown(view_of(config, "world")(fights.start, seen))
+    np.testing.assert_allclose(fights.action[0][:, DEFENDER], wanted, atol=1e-5)
+    assert np.abs(wanted - flown(seen)).max() > 1e-3
 
 
 @pytest.mark.slow

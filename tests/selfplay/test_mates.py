@@ -24,7 +24,7 @@ from dronecombat_jax.runs.provenance import describe
 from dronecombat_jax.runs.records import records
 from dronecombat_jax.runs.resume import find_start, read_start, restored_state
 from dronecombat_jax.selfplay.chunk import build_advance, init_state
-from dronecombat_jax.selfplay.opponents import of_drones
+from dronecombat_jax.selfplay.opponents import Guest, of_drones
 from dronecombat_jax.types import DEFENDER, TeamPolicy, TrainState, UpdateMetrics
 
 KEY = jax.random.key(0)
@@ -232,9 +232,9 @@ def test_an_iteration_keeps_its_states_shapes_together_with(case: str):
     combat = Coasting(config)
     before = jax.eval_shape(lambda: init_state(combat))
     of_seed = jax.tree.map(lambda leaf: np.zeros(leaf.shape[1:], leaf.dtype), before.learners)
-    cast = {FROZEN: live_policy(config, of_seed, DEFENDER)}
+    cast = {FROZEN: Guest(live_policy(config, of_seed, DEFENDER))}
     after, report = jax.eval_shape(build_advance(combat, 1, cast=cast), before)
     assert jax.tree.structure(before) == jax.tree.structure(after)
     for old, new in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
         assert (old.shape, old.dtype) == (new.shape, new.dtype)
-    assert report.learners.kl.shape == (1, 1, 3) and isinstance(cast[FROZEN], TeamPolicy)
+    assert report.learners.kl.shape == (1, 1, 3) and isinstance(cast[FROZEN].policy, TeamPolicy)

@@ -11,6 +11,7 @@ from scipy import stats
 from toy import CHUNK, CONFIG, Coasting, agent, assert_same_bits, build, differs
 
 from dronecombat_jax.combat.scripted import build_pilot
+from dronecombat_jax.combat.sensors import view_of
 from dronecombat_jax.config.fields import Config, SelfPlayConfig
 from dronecombat_jax.learn.algorithms import ALL, learn_from
 from dronecombat_jax.learn.ippo import init_learner
@@ -49,7 +50,7 @@ def some_policy(seed: int) -> Policy:
 def flown() -> SimpleNamespace:
     """A run with the whole table: the states at the chunks' ends and the reports."""
     config = with_table(TABLE)
-    program = build(config, CHUNK, {FROZEN: some_policy(1)})
+    program = build(config, CHUNK, {FROZEN: opponents.Guest(some_policy(1))})
     states, reports = [program.start], []
     for _ in range(CHUNKS):
         state, report = program.run(states[-1])
@@ -100,9 +101,12 @@ def test_each_place_is_flown_by_whom_the_table_says(flown):
     combat, config = Coasting(flown.config), flown.config
     state = jax.tree.map(lambda leaf: leaf[0], flown.states[-1])
     frozen = some_policy(1)
-    flying = opponents.seats(combat, state.learners, state.selfplay, {FROZEN: frozen})
+    guest = opponents.Guest(frozen, "ego")  # it was trained with another view than this run's
+    flying = opponents.seats(combat, state.learners, state.selfplay, {FROZEN: guest})
     env = reset_fights(combat, jnp.uint32(5), jnp.int32(0))
     seen = jax.vmap(combat.observe)(env)
+    seen_by_guest = view_of(config, "ego")(env, seen)
+    assert np.abs(seen_by_guest - seen).max() > 1.0
     noise = jax.random.normal(jax.random.key(2), (8, NUM_SIDES, 4))
     action, log_prob, _ = act(config.learn, flying, seen, noise, env)
     live = [policy_of(select(state.learners, side)) for side in range(NUM_SIDES)]
@@ -119,7 +123,7 @@ def test_each_place_is_flown_by_whom_the_table_says(flown):
     attackers = [
         *(drawn(live[1], 1, at) for at in range(5)),
         *(drawn(past(at), 1, at) for at in (5, 6)),
-        policy_mean(config.learn, frozen, seen[7, 1]),
+        policy_mean(config.learn, frozen, seen_by_guest[7, 1]),
     ]
     expected = np.stack([np.stack(defenders), np.stack(attackers)], axis=1)
     np.testing.assert_allclose(action, expected, rtol=1e-5, atol=1e-6)
@@ -158,7 +162,7 @@ def chunks() -> SimpleNamespace:
         "attacker=past 0.3 of chunks"
     )
     config = with_table(text)
-    program = build(config, CHUNK, {FROZEN: some_policy(1)})
+    program = build(config, CHUNK, {FROZEN: opponents.Guest(some_policy(1))})
     states, reports = [program.start], []
     for _ in range(8):
         state, report = program.run(states[-1])

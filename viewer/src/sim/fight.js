@@ -42,8 +42,8 @@ export class Game {
     };
   }
 
-  observe({ drones, target }) {
-    return OBSERVATIONS[this.observation](drones, target);
+  observe({ drones, target }, layout = this.observation) {
+    return OBSERVATIONS[layout](drones, target);
   }
 
   /** One control step with both `actions`; the state after it. A fight that has ended stays. */
@@ -74,7 +74,7 @@ export class Game {
       return ({ drones, target, clock }) => act(drones, target, clock * this.dt);
     }
     const policy = buildPolicy(raw);
-    return (state) => policy(this.observe(state)[role]);
+    return (state) => policy(this.observe(state, raw.observation)[role]);
   }
 }
 

@@ -173,7 +173,8 @@ def test_a_policy_with_another_view_is_met_as_it_saw_in_its_training(tmp_path):
     run = load_run(tmp_path / "new")
     assert (shown_to(run, DEFENDER), shown_to(run, ATTACKER)) == ("world", "")
     flyer = of_run(RunDirectory(tmp_path / "new"), DEFENDER, None, -1)
-    assert flyer.observation == "world" and flyer.environment["game.observation"] == "world"
+    assert flyer.observation == "world" and flyer.environment
+    assert flyer.environment["game.observation"] == "world"
     crew = read_crew(Named((str(tmp_path / "new"),)))
     assert [each.observation for each in crew.flyers] == ["world", ""]
     page = play_data(read_opponents((str(tmp_path / "new"),)))

@@ -25,10 +25,23 @@ DIVE_FALL = 7.0  # m/s^2, downwards in the dive
 DIVE_LEAD = 1.1  # its speed over the one that arrives with the fall
 DIVE_COMMITTED = 0.5  # m/s, a descent that fast is the dive
 GUARD_DISTANCE = 2.0  # m from the target, towards the attacker
-GUARD_BRAKING = 12.0  # m/s^2
-GUARD_GAIN = 3.0  # 1/s
-GUARD_HURRY = 1.5  # its speed over the one that gets it there with the attacker
+KEEPER_DISTANCE = 0.32
+KEEPER_LOOK = 0.06  # s ahead
 NAVIGATION_CONSTANT = 3.0
+
+
+class Stance(NamedTuple):
+    """How one goes to a post and keeps it."""
+
+    gain: float  # 1/s
+    braking: float  # m/s^2
+    hurry: float  # its speed over the one that gets it there with the attacker
+    velocity_gain: float = VELOCITY_GAIN  # 1/s
+    along: float = 0.0  # its speed around the target over the one that keeps it between
+
+
+GUARD = Stance(gain=3.0, braking=12.0, hurry=1.5)
+KEEPER = Stance(gain=3.2, braking=8.4, hurry=1.0, velocity_gain=8.3, along=0.6)
 
 
 class Situation(NamedTuple):
@@ -105,21 +118,41 @@ def hover_guard(
     """Stand on the attacker's way, `distance` m from the target, at it in the end; hurry there if the
     attacker comes first.
     """
-    line = now.other_position - now.target
+    return _stand(now, now.other_position, distance, GUARD)
+
+
+def goalkeeper(body: Airframe, now: Situation) -> jax.Array:
+    """Stand before the target, so near that every way in leads past: where the attacker will be in a
+    moment, and moving along as it goes around.
+    """
+    ahead = now.other_position + KEEPER_LOOK * now.other_velocity
+    return _stand(now, ahead, KEEPER_DISTANCE, KEEPER)
+
+
+def _stand(
+    now: Situation, other: jax.Array, distance: float | jax.Array, stance: Stance
+) -> jax.Array:
+    """Go to the post, `distance` m from the target towards `other`, and stay there."""
+    line = other - now.target
     length = jnp.linalg.norm(line, axis=-1, keepdims=True)
-    post = now.target + jnp.minimum(distance, 0.5 * length) * unit(line)
+    before = jnp.minimum(distance, 0.5 * length)
+    post = now.target + before * unit(line)
     way = post - now.position
     away = jnp.linalg.norm(way, axis=-1, keepdims=True)
-    stopping = jnp.minimum(GUARD_GAIN * away, jnp.sqrt(2.0 * GUARD_BRAKING * away))
-    incoming = post - now.other_position
+    stopping = jnp.minimum(stance.gain * away, jnp.sqrt(2.0 * stance.braking * away))
+    incoming = post - other
     closing = jnp.maximum(dot(now.other_velocity, unit(incoming)), 0.0)
     hurried = (
-        GUARD_HURRY
+        stance.hurry
         * away
         * closing
         / jnp.maximum(jnp.linalg.norm(incoming, axis=-1, keepdims=True), 0.3)
     )
-    return VELOCITY_GAIN * (jnp.maximum(stopping, hurried) * unit(way) - now.velocity)
+    wanted = jnp.maximum(stopping, hurried) * unit(way)
+    if stance.along:
+        around = now.other_velocity - dot(now.other_velocity, unit(line)) * unit(line)
+        wanted = wanted + stance.along * before / jnp.maximum(length, 0.3) * around
+    return stance.velocity_gain * (wanted - now.velocity)
 
 
 def pure_pursuit(body: Airframe, now: Situation) -> jax.Array:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from dronecombat_jax.combat.reward import goals
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.sim.flight import split
-from dronecombat_jax.types import EnvState, StepOutput
+from dronecombat_jax.types import DEFENDER, EnvState, StepOutput
 
 
 def progress(
@@ -32,7 +32,19 @@ def progress(
 
     def distance(state: EnvState) -> jax.Array:
         drones = split(state.qpos, state.qvel)
-        way = drones.position - goals(game, drones, state.target, before.down)
-        return jnp.linalg.norm(way, axis=-1)
+        there = goals(game, drones, state.target, before.down)
+        if learn.defender_post:
+            defends = (jnp.asarray(game.sides) == DEFENDER)[:, None]
+            there = jnp.where(defends, post(there, state.target, learn.defender_post), there)
+        return jnp.linalg.norm(drones.position - there, axis=-1)
 
     return jnp.where(output.active, weights * (distance(before) - distance(after)), 0.0)
+
+
+def post(attacker: jax.Array, target: jax.Array, distance: float) -> jax.Array:
+    """Where a goalkeeper stands, [..., 3] m: `distance` m before the target [3], towards the attacker
+    [..., 3]; half-way where that is nearer.
+    """
+    line = attacker - target
+    length = jnp.linalg.norm(line, axis=-1, keepdims=True)
+    return target + jnp.minimum(distance, 0.5 * length) * line / jnp.maximum(length, 1e-6)

@@ -130,6 +130,7 @@ PILOTS: dict[int, dict[str, Guidance]] = {
         "hover_guard": guidance.hover_guard,
         "pure_pursuit": guidance.pure_pursuit,
         "proportional_navigation": guidance.proportional_navigation,
+        "goalkeeper": guidance.goalkeeper,
     },
     ATTACKER: {"dash": guidance.dash, "weave": guidance.weave, "high_dive": guidance.high_dive},
 }

@@ -131,10 +131,17 @@ class LearnConfig:
     normalize_values: bool = setting(True, "running mean and variance of returns")
     defender_progress: float = setting(
         0.0,
-        "in learning alone: reward per metre by which a defender's way to the attacker shrinks",
+        "in learning alone: reward per metre by which a defender's way to the attacker, or to defender_post, shrinks",
         unit="1/m",
         low=0.0,
         high=1e3,
+    )
+    defender_post: float = setting(
+        0.0,
+        "where defender_progress draws a defender: so far before the target, towards the attacker; 0: to the attacker",
+        unit="m",
+        low=0.0,
+        high=20.0,
     )
     attacker_progress: float = setting(
         0.0,

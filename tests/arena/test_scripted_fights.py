@@ -80,6 +80,7 @@ def test_defenders_intercept(fought: SimpleNamespace):
     """Loosely below what was measured; pure pursuit starts level with dash and chases its tail."""
     for attacker in ATTACKERS:
         assert share(fought, "proportional_navigation", attacker, Cause.INTERCEPT) >= 0.8
+        assert share(fought, "goalkeeper", attacker, Cause.INTERCEPT) >= 0.9
     assert share(fought, "hover_guard", "dash", Cause.INTERCEPT) >= 0.9
     assert share(fought, "hover_guard", "high_dive", Cause.INTERCEPT) >= 0.9
     assert 0.3 <= share(fought, "hover_guard", "weave", Cause.INTERCEPT) <= 0.9

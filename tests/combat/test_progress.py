@@ -1,6 +1,7 @@
 """The reward for the way to one's goal: its metres, and that it stays out of the game's reward."""
 
 import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import jax
@@ -52,6 +53,21 @@ def test_a_step_earns_the_metres_that_it_came_nearer():
     before, after = state((0, 4, 1), (2, 0, 1)), state((0, 3, 1), (3, 0, 1))
     nearer = distances(before) - distances(after)
     np.testing.assert_allclose(earned(before, after), WEIGHTS * nearer, rtol=1e-5)
+
+
+def test_a_defender_can_be_drawn_to_a_post_before_the_target():
+    """0.3 m from (5, 5, 1) towards the attacker; half-way where the attacker is nearer than that."""
+    config = replace(REWARDED, learn=replace(REWARDED.learn, defender_post=0.3))
+
+    def earned(before: EnvState, after: EnvState) -> np.ndarray:
+        return np.asarray(progress(config, before, after, output()))
+
+    before, after = state((5, 0, 1), (2, 5, 1)), state((5, 3, 1), (5, 9, 1))
+    nearer = np.hypot(5.0, 0.3) - 2.3, 3.0 - 4.0
+    np.testing.assert_allclose(earned(before, after), WEIGHTS * nearer, rtol=1e-5)
+    close, at_it = state((5, 4, 1), (5, 5.4, 1)), state((5, 4.5, 1), (5, 5, 1))
+    nearer = 1.2 - 0.5, 0.4
+    np.testing.assert_allclose(earned(close, at_it), WEIGHTS * nearer, rtol=1e-5)
 
 
 def test_over_a_fight_it_adds_up_to_the_way_gained():

@@ -4,7 +4,24 @@ import { add, bodyZ, clamp, dot, length, scale, subtract, unit } from "./vector.
 
 const WEAVE = { speed: 3, rate: 5, phase: 1000, end: 2.5 };
 const DIVE = { height: 2.5, speed: 6, climb: 4, fall: 7, lead: 1.1, committed: 0.5 };
-const GUARD = { distance: 2, braking: 12, gain: 3, hurry: 1.5 };
+const GUARD = {
+  distance: 2,
+  gain: 3,
+  braking: 12,
+  hurry: 1.5,
+  velocityGain: VELOCITY_GAIN,
+  along: 0,
+  look: 0,
+};
+const KEEPER = {
+  distance: 0.32,
+  gain: 3.2,
+  braking: 8.4,
+  hurry: 1,
+  velocityGain: 8.3,
+  along: 0.6,
+  look: 0.06,
+};
 const NAVIGATION_CONSTANT = 3;
 
 /** `act(drones, target, time) -> action` of the pilot `name` in the place of `role`. */
@@ -19,7 +36,8 @@ export function buildScripted(name, game, role) {
 
 const GUIDANCE = {
   hover: (body, { own }) => scale(-VELOCITY_GAIN, own.velocity),
-  hover_guard: hoverGuard,
+  hover_guard: (body, now) => stand(GUARD, now),
+  goalkeeper: (body, now) => stand(KEEPER, now),
   pure_pursuit: (body, { own, other }) =>
     rush(body, own.velocity, subtract(other.position, own.position)),
   proportional_navigation: proportionalNavigation,
@@ -53,17 +71,22 @@ function highDive(body, { own, target }) {
   return [x, y, diving ? -DIVE.fall : z];
 }
 
-function hoverGuard(body, { own, other, target }) {
-  const line = subtract(other.position, target);
-  const post = add(target, scale(Math.min(GUARD.distance, 0.5 * length(line)), unit(line)));
+/** Go to the post before the target, towards the attacker, and stay there. */
+function stand(stance, { own, other, target }) {
+  const ahead = add(other.position, scale(stance.look, other.velocity));
+  const line = subtract(ahead, target);
+  const before = Math.min(stance.distance, 0.5 * length(line));
+  const post = add(target, scale(before, unit(line)));
   const way = subtract(post, own.position);
   const distance = length(way);
-  const stopping = Math.min(GUARD.gain * distance, Math.sqrt(2 * GUARD.braking * distance));
-  const incoming = subtract(post, other.position);
+  const stopping = Math.min(stance.gain * distance, Math.sqrt(2 * stance.braking * distance));
+  const incoming = subtract(post, ahead);
   const closing = Math.max(dot(other.velocity, unit(incoming)), 0);
-  const hurried = (GUARD.hurry * distance * closing) / Math.max(length(incoming), 0.3);
-  const speed = Math.max(stopping, hurried);
-  return scale(VELOCITY_GAIN, subtract(scale(speed, unit(way)), own.velocity));
+  const hurried = (stance.hurry * distance * closing) / Math.max(length(incoming), 0.3);
+  const to = scale(Math.max(stopping, hurried), unit(way));
+  const around = subtract(other.velocity, scale(dot(other.velocity, unit(line)), unit(line)));
+  const along = scale((stance.along * before) / Math.max(length(line), 0.3), around);
+  return scale(stance.velocityGain, subtract(add(to, along), own.velocity));
 }
 
 function proportionalNavigation(body, { own, other }) {

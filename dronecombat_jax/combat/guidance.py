@@ -25,8 +25,8 @@ DIVE_FALL = 7.0  # m/s^2, downwards in the dive
 DIVE_LEAD = 1.1  # its speed over the one that arrives with the fall
 DIVE_COMMITTED = 0.5  # m/s, a descent that fast is the dive
 GUARD_DISTANCE = 2.0  # m from the target, towards the attacker
-KEEPER_DISTANCE = 0.32
-KEEPER_LOOK = 0.06  # s ahead
+KEEPER_DISTANCE = 0.42
+KEEPER_LOOK = 0.025  # s ahead
 NAVIGATION_CONSTANT = 3.0
 
 
@@ -41,7 +41,7 @@ class Stance(NamedTuple):
 
 
 GUARD = Stance(gain=3.0, braking=12.0, hurry=1.5)
-KEEPER = Stance(gain=3.2, braking=8.4, hurry=1.0, velocity_gain=8.3, along=0.6)
+KEEPER = Stance(gain=2.3, braking=9.8, hurry=0.96, velocity_gain=8.6, along=1.2)
 
 
 class Situation(NamedTuple):

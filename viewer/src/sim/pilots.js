@@ -14,13 +14,13 @@ const GUARD = {
   look: 0,
 };
 const KEEPER = {
-  distance: 0.32,
-  gain: 3.2,
-  braking: 8.4,
-  hurry: 1,
-  velocityGain: 8.3,
-  along: 0.6,
-  look: 0.06,
+  distance: 0.42,
+  gain: 2.3,
+  braking: 9.8,
+  hurry: 0.96,
+  velocityGain: 8.6,
+  along: 1.2,
+  look: 0.025,
 };
 const NAVIGATION_CONSTANT = 3;
 

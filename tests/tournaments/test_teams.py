@@ -33,7 +33,7 @@ def test_two_runs_of_two_against_one_and_scripted_teams(place: SimpleNamespace, 
     )
     assert place.fly(first, second, "scripted:all", flights=3) == 0
     result = load_result(place.folder)
-    assert result.played.all() and result.played.shape == (2 + 4, 2 + 3)
+    assert result.played.all() and result.played.shape == (2 + 5, 2 + 3)
     assert len(np.unique(result.cause)) >= 2 and np.all(result.cause != Cause.NONE)
     assert [(row.run, row.chunk, row.fights) for row in load_flights(place.folder)] == [
         ("first#4", 1, 3),

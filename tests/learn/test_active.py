@@ -129,6 +129,7 @@ def test_with_none_not_even_what_it_saw_there_counts_and_with_all_everything_doe
     )
 
 
+@pytest.mark.long
 def test_observation_statistics_are_of_steps_in_flight(rollout, update):
     seen = np.asarray(rollout.observation, np.float64)[:, :, DEFENDER][
         np.asarray(rollout.active)[..., DEFENDER]

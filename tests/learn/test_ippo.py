@@ -106,6 +106,7 @@ def test_constant_reward(learn):
         assert result.value(ATTACKER, x) == pytest.approx(-3.0, abs=0.05)
 
 
+@pytest.mark.long
 def test_reward_that_depends_on_the_observation(learn):
     result = learn(sign=(1.0, -2.0), constant=(0.0, 5.0))
     for x in (-1.0, 1.0):

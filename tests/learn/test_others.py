@@ -142,6 +142,7 @@ def test_the_file_and_numpy_alone_fly_it_and_others_refuse_it(trained, tmp_path)
         save_c(tmp_path / "a.h", policy, info)
 
 
+@pytest.mark.long
 def test_a_file_whose_encoder_does_not_fit_is_refused(trained, tmp_path):
     _, _, end = trained
     policy = jax.tree.map(np.asarray, policy_of(of(end, 0)))

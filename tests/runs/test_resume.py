@@ -126,6 +126,7 @@ def test_a_run_that_lost_any_leaf_of_its_state_is_another_run(run):
     assert unnoticed == [] and len(leaves) > 50
 
 
+@pytest.mark.long
 def test_a_checkpoint_without_any_one_of_its_leaves_is_refused_by_its_name(run, tmp_path):
     arrays, manifest = checkpoint.load(run.directory.checkpoints, INSIDE)
     template = jax.eval_shape(lambda: init_state(run.program.combat))

@@ -50,6 +50,7 @@ def test_traced_once_for_a_whole_run(single):
     assert [int(state.iteration[0]) for state in single.states] == [0, 1, 2, 3, 4]
 
 
+@pytest.mark.long
 def test_the_state_keeps_its_types_and_none_is_weak(single):
     before = jax.eval_shape(lambda: init_state(single.combat))
     after, _ = jax.eval_shape(single.advance, before)

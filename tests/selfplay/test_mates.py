@@ -69,6 +69,7 @@ def test_each_mate_begins_and_learns_on_its_own_and_sharers_are_one(run: SimpleN
     assert together.learners.value_scaler.mean.shape == (1, 2)
 
 
+@pytest.mark.long
 def test_a_past_player_is_a_whole_team(run: SimpleNamespace):
     pool = run.states[-1].selfplay.pools[DEFENDER].policies
     assert isinstance(pool, TeamPolicy) and len(pool.mates) == 2

@@ -43,6 +43,7 @@ def test_it_trains_and_its_fights_remember(trained):
     assert np.any(np.asarray(moved)[0, :, 35:] != 0.0)
 
 
+@pytest.mark.long
 def test_who_meets_another_opponent_begins_without_memory_and_nobody_else(trained):
     program, state = trained
     (seed,) = [jax.tree.map(lambda leaf: leaf[0], state)]

@@ -66,6 +66,7 @@ def test_one_program_for_all_and_the_state_keeps_its_types(flown):
         assert (before.shape, before.dtype) == (after.shape, after.dtype)
 
 
+@pytest.mark.long
 def test_both_sides_learn_and_past_players_are_met_in_their_places_alone(flown):
     for chunk, (before, after) in enumerate(zip(flown.states, flown.states[1:], strict=False)):
         for side in (DEFENDER, ATTACKER):
@@ -192,6 +193,7 @@ def test_in_a_chunk_against_somebody_the_other_side_alone_learns(chunks):
     assert len(drawn) >= 3
 
 
+@pytest.mark.long
 def test_rows_of_chunks_are_drawn_by_their_shares(chunks):
     config = with_table("defender=scripted:hover 0.1 of chunks, attacker=a 0.4 of chunks")
     learners = jax.tree.map(lambda leaf: leaf[0], chunks.states[0].learners)

@@ -66,6 +66,7 @@ def test_the_run_has_live_and_both_kinds_of_frozen_chunks_and_starts_live(flown)
         assert np.all(report.opponent == state.selfplay.opponent[0, 0])
 
 
+@pytest.mark.long
 def test_the_live_player_is_untouched_by_a_frozen_chunk_and_the_other_learns(flown):
     for before, after, frozen in zip(flown.states, flown.states[1:], flown.frozen, strict=False):
         for role in (DEFENDER, ATTACKER):

@@ -61,6 +61,7 @@ def test_the_first_environments_are_the_attackers_alone_in_every_fight(run):
         assert not np.any(velocity[:ALONE, DEFENDER]) and np.all(velocity[ALONE:] != 0.0)
 
 
+@pytest.mark.long
 def test_only_fights_of_both_are_counted(run):
     ended = CONFIG.learn.rollout_steps * TOGETHER
     np.testing.assert_array_equal(run.report.causes.sum(-1), np.full((1, ITERATIONS), ended))

@@ -48,6 +48,7 @@ def test_both_sides_learn_something_finite(run: SimpleNamespace):
     assert run.reports[-1].crashes.shape[-1] == run.reports[-1].returns.shape[-1] == 3
 
 
+@pytest.mark.long
 def test_a_record_has_means_of_the_side_and_each_team_mates_own(run: SimpleNamespace):
     report, fights = run.reports[-1], 4
     report = report._replace(

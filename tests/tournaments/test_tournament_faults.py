@@ -49,6 +49,7 @@ def test_a_signal_saves_and_the_same_command_goes_on(
     assert_same(load_result(place.folder), alone.result)
 
 
+@pytest.mark.long
 def test_a_signal_with_the_last_fight_is_answered(
     runs: Path, alone, place: SimpleNamespace, monkeypatch
 ):

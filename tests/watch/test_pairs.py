@@ -101,6 +101,7 @@ def assert_counted(flown: SimpleNamespace) -> None:
         )
 
 
+@pytest.mark.long
 def test_the_report_links_to_every_cell(flown: SimpleNamespace):
     html = (flown.folder / "report" / "report.html").read_text()
     links = re.findall(

@@ -25,8 +25,8 @@ DIVE_FALL = 7.0  # m/s^2, downwards in the dive
 DIVE_LEAD = 1.1  # its speed over the one that arrives with the fall
 DIVE_COMMITTED = 0.5  # m/s, a descent that fast is the dive
 GUARD_DISTANCE = 2.0  # m from the target, towards the attacker
-KEEPER_DISTANCE = 0.42
-KEEPER_LOOK = 0.025  # s ahead
+KEEPER_DISTANCE = 0.42  # m, as GUARD_DISTANCE
+KEEPER_LOOK = 0.025  # s, so far ahead it looks for the attacker
 NAVIGATION_CONSTANT = 3.0
 
 
@@ -122,25 +122,32 @@ def hover_guard(
 
 
 def goalkeeper(body: Airframe, now: Situation) -> jax.Array:
-    """Stand before the target, so near that every way in leads past: where the attacker will be in a
-    moment, and moving along as it goes around.
+    """Stand close before the target, on the side of the attacker, and go around the target with it.
+
+    So near, it stops whoever comes in on its side (docs/pilots.md). Its numbers were found by experiment.
     """
     ahead = now.other_position + KEEPER_LOOK * now.other_velocity
     return _stand(now, ahead, KEEPER_DISTANCE, KEEPER)
+
+
+def post(attacker: jax.Array, target: jax.Array, distance: float | jax.Array) -> jax.Array:
+    """Where a guard stands, [..., 3] m: `distance` m before the target, towards the attacker;
+    half-way where that is nearer.
+    """
+    line = attacker - target
+    length = jnp.linalg.norm(line, axis=-1, keepdims=True)
+    return target + jnp.minimum(distance, 0.5 * length) * unit(line)
 
 
 def _stand(
     now: Situation, other: jax.Array, distance: float | jax.Array, stance: Stance
 ) -> jax.Array:
     """Go to the post, `distance` m from the target towards `other`, and stay there."""
-    line = other - now.target
-    length = jnp.linalg.norm(line, axis=-1, keepdims=True)
-    before = jnp.minimum(distance, 0.5 * length)
-    post = now.target + before * unit(line)
-    way = post - now.position
+    goal = post(other, now.target, distance)
+    way = goal - now.position
     away = jnp.linalg.norm(way, axis=-1, keepdims=True)
     stopping = jnp.minimum(stance.gain * away, jnp.sqrt(2.0 * stance.braking * away))
-    incoming = post - other
+    incoming = goal - other
     closing = jnp.maximum(dot(now.other_velocity, unit(incoming)), 0.0)
     hurried = (
         stance.hurry
@@ -150,6 +157,9 @@ def _stand(
     )
     wanted = jnp.maximum(stopping, hurried) * unit(way)
     if stance.along:
+        line = other - now.target
+        length = jnp.linalg.norm(line, axis=-1, keepdims=True)
+        before = jnp.minimum(distance, 0.5 * length)
         around = now.other_velocity - dot(now.other_velocity, unit(line)) * unit(line)
         wanted = wanted + stance.along * before / jnp.maximum(length, 0.3) * around
     return stance.velocity_gain * (wanted - now.velocity)

@@ -12,6 +12,7 @@ Plain arrays of one fight.
 import jax
 import jax.numpy as jnp
 
+from dronecombat_jax.combat.guidance import post
 from dronecombat_jax.combat.reward import goals
 from dronecombat_jax.config.fields import Config
 from dronecombat_jax.sim.flight import split
@@ -39,12 +40,3 @@ def progress(
         return jnp.linalg.norm(drones.position - there, axis=-1)
 
     return jnp.where(output.active, weights * (distance(before) - distance(after)), 0.0)
-
-
-def post(attacker: jax.Array, target: jax.Array, distance: float) -> jax.Array:
-    """Where a goalkeeper stands, [..., 3] m: `distance` m before the target [3], towards the attacker
-    [..., 3]; half-way where that is nearer.
-    """
-    line = attacker - target
-    length = jnp.linalg.norm(line, axis=-1, keepdims=True)
-    return target + jnp.minimum(distance, 0.5 * length) * line / jnp.maximum(length, 1e-6)

@@ -19,7 +19,7 @@ from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.rundir import RunDirectory, find_run
 from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.file import SavedPolicy
-from dronecombat_jax.runs.evaluation import flown_by, load_run, shown_to
+from dronecombat_jax.runs.evaluation import flown_by, load_run
 from dronecombat_jax.runs.resume import newest_start
 from dronecombat_jax.tournaments.contenders import POLICY_SUFFIX, SCRIPTED_PREFIX, find, identity_of
 from dronecombat_jax.types import DEFENDER, SIDES, SidePolicy
@@ -134,7 +134,7 @@ def of_run(run: RunDirectory, role: int, chunk: int | None, run_seed: int) -> Fl
         label = f"{policy} (scripted)" if row.scripted else row.who
         frozen = saved.frozen[role]
         met = frozen.info.environment if isinstance(frozen, SavedPolicy) else None
-        seen = shown_to(saved, role)
+        seen = own_view(met, config.game)
         return Flyer(label, policy, config.learn, identity, met, observation=seen)
     assert not isinstance(policy, str)
     name, chunk = run_name(run), saved.iteration // config.train.chunk_iterations

@@ -83,6 +83,7 @@ def test_a_key_of_either_style_gives_the_same_fight():
 
 
 @pytest.mark.parametrize("wrapper", [wrap, functools.partial(wrap, mask_time_outs=False)])
+@pytest.mark.long
 def test_wrapped_fights_begin_and_go_on_alike_from_keys_of_either_style(wrapper):
     batch, typed = (
         jitted(EvalWrapper(wrapper(make(), LENGTH))),

@@ -86,11 +86,13 @@ def test_a_fault_of_a_jaxmarl_environment_is_found(fault: str):
 
 @pytest.mark.parametrize("role", [DEFENDER, ATTACKER])
 @pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mode.name)
+@pytest.mark.long
 def test_our_gymnasium_view_has_no_fault(mode: AutoresetMode, role: int):
     combat = Coasting(Config(game=GameConfig(episode_steps=LENGTH)))
     assert check(CombatVectorEnv(combat, role, hold, 6, mode), steps=150).unseen == ()
 
 
 @pytest.mark.parametrize("role", [DEFENDER, ATTACKER])
+@pytest.mark.long
 def test_our_brax_view_has_no_fault(role: int):
     assert check(wrap(make(role), LENGTH), steps=150).unseen == ()

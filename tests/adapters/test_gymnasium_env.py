@@ -76,6 +76,7 @@ def test_each_step_of_1000_fights_is_the_cores(role: int, mode: str):
     )
 
 
+@pytest.mark.long
 def test_the_opponent_draws_by_each_fights_own_key(duel: Combat):
     env = CombatVectorEnv(duel, ATTACKER, wander, SIZE)
     env.reset(seed=1)
@@ -91,6 +92,7 @@ def test_the_opponent_draws_by_each_fights_own_key(duel: Combat):
 
 
 @pytest.mark.parametrize("mode", [*MODES, "DISABLED"])
+@pytest.mark.long
 def test_the_fights_of_a_seed_are_the_same_in_every_mode_and_number(duel: Combat, mode: str):
     """Fight 0 of SAME_STEP with SIZE fights is that of one fight alone in any other mode."""
     first = CombatVectorEnv(duel, ATTACKER, wander, SIZE, "SAME_STEP")

@@ -42,6 +42,7 @@ def test_each_step_of_1000_fights_is_the_cores():
     assert {Cause.ATTACKER_CRASH, Cause.DEFENDER_CRASH, Cause.TIMEOUT} <= count.causes
 
 
+@pytest.mark.long
 def test_our_own_checker_finds_no_fault(duel: Combat):
     assert check(CombatMultiAgentEnv(duel), steps=150).unseen == ()
 

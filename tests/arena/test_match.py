@@ -192,6 +192,7 @@ def test_policy_pilot_flies_its_roles_row():
         np.testing.assert_allclose(raw, observation[:, role, :4])
 
 
+@pytest.mark.long
 def test_a_policy_is_shown_what_it_saw_in_its_training(arena: SimpleNamespace, start: EnvState):
     """`engagement` in a game that shows eq. 5: its action is the network's on those 60 numbers."""
     policy = make_policy((60, 8, 4))

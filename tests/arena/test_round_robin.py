@@ -134,6 +134,7 @@ def test_no_outcome_depends_on_who_else_takes_part(combat: Coasting, flown: Simp
     assert np.all(out[:, ~wanted] == -1)
 
 
+@pytest.mark.long
 def test_episode_e_starts_alike_in_every_cell_and_for_any_number_of_episodes(combat: Coasting):
     """Two players of one content play alike but for what they draw."""
     twins = [player(1), player(1)._replace(identity="twin")]
@@ -150,6 +151,7 @@ def test_episode_e_starts_alike_in_every_cell_and_for_any_number_of_episodes(com
     assert np.all(starts.qpos[:, 2] != start_states(combat, 4, 9).qpos[:, 2])
 
 
+@pytest.mark.long
 def test_a_policy_of_nan_loses_its_own_fights_alone(combat: Coasting, flown: SimpleNamespace):
     broken = player(3)._replace(identity="broken")
     broken = broken._replace(

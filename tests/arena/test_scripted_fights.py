@@ -69,6 +69,7 @@ def test_dash_alone_is_there_within_seconds(fought: SimpleNamespace):
     assert 0.9 < np.max(fought.steps[0, ATTACKERS.index("dash")]) * 0.02 < 1.2
 
 
+@pytest.mark.long
 def test_every_attacker_beats_hover(fought: SimpleNamespace):
     for attacker in ATTACKERS:
         assert share(fought, "absent", attacker, Cause.REACHED) >= 0.95

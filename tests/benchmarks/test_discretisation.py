@@ -71,6 +71,7 @@ def test_a_drone_that_rises_is_ahead_by_half_a_step_of_its_speed(flown: SimpleNa
     assert apart == pytest.approx(5.04 * flown.sim.timestep, rel=0.02)  # the dash: linear, too
 
 
+@pytest.mark.long
 def test_tumbling_loses_what_c_mujoco_loses_and_less_with_half_the_step(flown: SimpleNamespace):
     kept = lambda paths: shares_kept(flown.sim, flown.flights[:4], paths[:4], 1.0)
     np.testing.assert_allclose(kept(flown.ours), kept(flown.theirs), atol=1e-3)

@@ -36,6 +36,7 @@ def child(program: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.long
 def test_a_child_that_sleeps_is_killed_and_named(impatient):
     process = child("import time; print('first'); time.sleep(1000)")
     listener = patience.Listener(process, "part x")
@@ -108,11 +109,13 @@ def test_a_record_of_before_has_nothing_that_hung():
     assert "Left out" not in markdown(record)
 
 
+@pytest.mark.long
 def test_a_size_that_hangs_is_left_out(impatient, asleep):
     row = scaling.measure("seeds", TINY, 1, 1)
     assert row["hung"] and row["left_out"].startswith("part iteration hung")
 
 
+@pytest.mark.long
 def test_a_start_that_hangs_is_ended(tmp_path, impatient, asleep):
     with pytest.raises(patience.Hung, match="the start of training hung"):
         start.first_line("smoke", tmp_path / "cache", tmp_path)

@@ -47,6 +47,7 @@ def test_doctor_says_what_keeps_jax_from_starting(monkeypatch, capsys):
     )
 
 
+@pytest.mark.long
 def test_doctor_names_a_known_bad_jax_and_its_remedy(monkeypatch, capsys):
     def refused() -> None:
         raise UserError("jax 0.10.2 cannot be used: wrong numbers. Fix: pip install jax==0.9.2")

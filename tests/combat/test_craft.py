@@ -66,6 +66,7 @@ def test_shapes_and_types_are_stable(real: SimpleNamespace):
     assert speed.max() > 1.0 and speed.max() <= 4.0
 
 
+@pytest.mark.long
 def test_numbers_fill_their_ranges_by_fight_and_side(real: SimpleNamespace):
     start = jax.vmap(real.combat.spawn)(real.combat.start_numbers(KEY, (500,)))
     for name in ("mass", "inertia", "thrust", "lag", "drag", "battery"):
@@ -111,6 +112,7 @@ def test_one_sides_drone_may_differ_in_every_fight(arena: SimpleNamespace, real:
     assert not np.any(np.asarray(drawn_in(other).drag)[:, 0])
 
 
+@pytest.mark.long
 def test_a_scaled_inertia_turns_less(real: SimpleNamespace):
     """From rest, a moment m gives h m / (k I) in each of two substeps; products of rates are small."""
     combat = Combat(Config(randomise=RandomiseConfig(inertia=0.5)))
@@ -135,6 +137,7 @@ def test_a_fight_is_repeated_and_does_not_depend_on_its_neighbours(real: SimpleN
     assert np.ptp(np.asarray(forwards.craft.wind)) > 0.1
 
 
+@pytest.mark.long
 def test_a_broken_action_loses_and_leaves_rotors_finite(real: SimpleNamespace):
     action = jnp.zeros((SIZE, 2, 4)).at[0, 0, 1].set(jnp.nan)
     after, output = real.step(real.start, action)

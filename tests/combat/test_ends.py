@@ -84,6 +84,7 @@ def test_every_end_in_flight(arena: SimpleNamespace, fresh: EnvState):
     np.testing.assert_array_equal(events, prizes)
 
 
+@pytest.mark.long
 def test_a_drone_that_fell_lies_where_it_fell(arena: SimpleNamespace, fresh: EnvState):
     """And pays for the speed with which it came down; the one that hovers goes on."""
     state, fell = fresh, np.zeros(8, bool)

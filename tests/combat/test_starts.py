@@ -69,6 +69,7 @@ def test_exploring_starts_move_over_ground_and_change_nothing_else(arena: Simple
     np.testing.assert_array_equal(alone.qvel, moving.qvel.at[:, :6].set(0.0))
 
 
+@pytest.mark.long
 def test_a_share_of_the_trainings_fights_starts_anywhere(arena: SimpleNamespace):
     train = TrainConfig(start_speed=4.0, start_anywhere=0.5)
     combat, plain = (

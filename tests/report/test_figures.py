@@ -133,6 +133,7 @@ RUNS = {
 
 
 @pytest.mark.parametrize("name", RUNS)
+@pytest.mark.long
 def test_every_run_gives_a_picture(name: str, tmp_path: Path):
     path = tmp_path / "figures" / "learning.png"
     learning_curves(RUNS[name], path, name)

@@ -69,6 +69,7 @@ def texts(figure: Figure) -> str:
 
 
 @pytest.mark.parametrize("case", DEGENERATE)
+@pytest.mark.long
 def test_degenerate_results_are_drawn_and_what_is_missing_is_said(case):
     result, gap = DEGENERATE[case]
     told = study(result, QUICK)

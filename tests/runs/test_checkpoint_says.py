@@ -97,6 +97,7 @@ def test_an_own_drone_that_was_moved_goes_on_and_one_that_was_edited_does_not(tm
         check_meta(start, replace(CONFIG, sim=SimConfig(mjcf=str(tmp_path / "gone.xml"))))
 
 
+@pytest.mark.long
 def test_a_scene_that_is_edited_or_lost_while_it_flies_is_saved_as_it_flies(tmp_path):
     """A training flies the scene that it loaded; a lost file must not cost a checkpoint."""
     config = replace(CONFIG, sim=SimConfig(mjcf=str(write(tmp_path))))

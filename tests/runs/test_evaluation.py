@@ -157,6 +157,7 @@ def test_a_checkpoint_that_is_not_there(run, tmp_path, capsys):
     assert "no checkpoint" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_scripted_pilot_takes_one_place(run, capsys):
     flags = ["--fights", "8", "--attacker", "dash", "--spawn", "uniform"]
     assert cli.main(["evaluate", str(run.path), *flags]) == 0
@@ -182,6 +183,7 @@ OTHERS = {  # flags: the file that they are written to
 }
 
 
+@pytest.mark.long
 def test_only_the_runs_own_evaluation_has_its_name(run, monkeypatch, capsys):
     """Other options are written beside it and never over it."""
     fly = lambda saved, index, match: FightResult(

@@ -42,6 +42,7 @@ def test_two_processes_stopped_and_resumed_come_to_the_numbers_of_two_devices_in
     assert (tmp_path / "two/evaluation.json").exists()
 
 
+@pytest.mark.long
 def test_a_process_that_finds_nobody_says_so_in_one_line(tmp_path):
     nobody = {
         "JAX_COORDINATOR_ADDRESS": "127.0.0.1:9",

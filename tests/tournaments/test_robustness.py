@@ -114,6 +114,7 @@ def test_both_sides_together_are_one_matrix(flown: SimpleNamespace):
     assert len(robustness_figure(report).axes) == 2
 
 
+@pytest.mark.long
 def test_what_a_tournament_has_is_not_given_again(alone: SimpleNamespace):
     for flags in ({"seed": 3}, {"name": "mine"}, {"every": 2}, {"stochastic": True}):
         with pytest.raises(UserError) as raised:

@@ -41,6 +41,7 @@ def test_two_runs_of_two_against_one_and_scripted_teams(place: SimpleNamespace, 
     ]
 
 
+@pytest.mark.long
 def test_a_team_with_a_policy_each_is_one_entrant_and_flown_mate_by_mate(
     place: SimpleNamespace, tmp_path: Path
 ):

@@ -60,6 +60,7 @@ def test_from_other_starts_it_is_another_tournament(
     assert default_name(["a", "b"], "even") == "a-b-even"
 
 
+@pytest.mark.long
 def test_some_cells_alone_and_then_the_rest(
     runs: Path, alone: SimpleNamespace, place: SimpleNamespace, capsys
 ):
@@ -100,6 +101,7 @@ def test_the_same_again_flies_nothing_and_changes_no_byte(
     assert {path.name: path.read_bytes() for path in place.folder.rglob("*.[nj]*")} == before
 
 
+@pytest.mark.long
 def test_appended_checkpoints_fly_the_new_cells_alone(
     runs: Path, place: SimpleNamespace, tmp_path: Path, alone
 ):

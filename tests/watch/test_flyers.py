@@ -132,6 +132,7 @@ def test_policies_of_another_game_fly_only_when_allowed(home: Path, tmp_path: Pa
     assert environment(crew.config) == environment(TOY)
 
 
+@pytest.mark.long
 def test_sight_may_differ_where_the_numbers_are_as_many(tmp_path: Path):
     """A camera of 90 degrees flies with one that sees all round; four slots do not fit two."""
 

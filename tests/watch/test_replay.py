@@ -33,6 +33,7 @@ def data_in(path: Path) -> dict:
     return json.loads(call)
 
 
+@pytest.mark.long
 def test_the_last_runs_fights_on_one_page(toy_run: Path, capsys: pytest.CaptureFixture[str]):
     assert room.replay(Named(), Filming(3, seed=5), out=None) == 0
     page = data_in(toy_run / "replay.html")
@@ -53,6 +54,7 @@ def test_show_takes_what_train_returns(toy_run: Path):
     assert shown.title == "hover (scripted) defends against toy chunk 2"
 
 
+@pytest.mark.long
 def test_an_evolution_is_one_start_flown_by_all_chunks(toy_run: Path):
     assert room.replay(Named(("toy",)), Filming(4), out=None, evolution=True) == 0
     fights = data_in(toy_run / "evolution.html")["fights"]

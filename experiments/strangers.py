@@ -1,0 +1,81 @@
+"""Final policies against those that they never met: everybody's defender, everybody's attacker.
+
+    python experiments/strangers.py runs/strength/strong-0 runs/strength/strong-1=other goalkeeper dash
+
+A word is a run's folder, whose final policies of both sides fly, or a scripted pilot; a label may
+follow after "=". All fly in the game of the first run, from its starts at rest, by mean actions.
+Prints a table in Markdown, a row for each defender: how far from the target it strikes, and the share
+of its fights that end at the target, by attacker.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from dronecombat_jax.combat.env import Combat
+from dronecombat_jax.combat.scripted import names_of
+from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, Trajectory
+from dronecombat_jax.watch.flyers import Flyer, Named, read_crew
+from dronecombat_jax.watch.recording import Filming, Record, recorder
+
+MIDDLE = (10, 90)  # percentiles: where most of a defender's strikes are
+
+
+def main() -> None:
+    """Read the flags, fly, print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("pilots", nargs="+", help="a run's folder, or a scripted pilot; WORD=label")
+    parser.add_argument("--fights", type=int, default=128, help="of each pair")
+    flags = parser.parse_args()
+    words = [(word, label or word) for word, _, label in (it.partition("=") for it in flags.pilots)]
+    first = next((word for word, _ in words if not side_of(word)), None)
+    if first is None:
+        parser.error("name a run: its game is flown")
+    crew = read_crew(Named((first,)))
+    fly = recorder(Combat(crew.config), Filming(flags.fights))
+    defenders, attackers = (field(first, words, role) for role in (DEFENDER, ATTACKER))
+    for cells in table(defenders, attackers, fly):
+        print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def side_of(word: str) -> tuple[int, ...]:
+    """The side of a scripted pilot; none for a run."""
+    return tuple(role for role in (DEFENDER, ATTACKER) if word in names_of(role))
+
+
+def field(run: str, words: Sequence[tuple[str, str]], role: int) -> dict[str, Flyer]:
+    """Who flies on a side, by label."""
+
+    def flyer(word: str) -> Flyer:
+        wanted = (word, "") if role == DEFENDER else ("", word)
+        return read_crew(Named((run,), wanted)).flyers[role]
+
+    return {
+        label: flyer(word)
+        for word, label in words
+        if role in (side_of(word) or (DEFENDER, ATTACKER))
+    }
+
+
+def table(
+    defenders: dict[str, Flyer], attackers: dict[str, Flyer], fly: Record
+) -> Iterator[list[str]]:
+    """Its rows, heads first, each as soon as it is flown."""
+    yield ["defender", "strikes, m from the target", *(f"`{label}`" for label in attackers)]
+    yield ["---"] * (2 + len(attackers))
+    for label, defender in defenders.items():
+        fights = [fly(defender, attacker) for attacker in attackers.values()]
+        struck = [away(one) for each in fights for one in each if one.cause == Cause.INTERCEPT]
+        low, high = np.percentile(struck, MIDDLE) if struck else (np.nan, np.nan)
+        reached = [np.mean([one.cause == Cause.REACHED for one in each]) for each in fights]
+        yield [f"`{label}`", f"{low:.1f} to {high:.1f}", *(f"{share:.2f}" for share in reached)]
+
+
+def away(fight: Trajectory) -> float:
+    """Metres from the defender to the target at the end."""
+    return float(np.linalg.norm(fight.qpos[-1, :3] - fight.target))
+
+
+if __name__ == "__main__":
+    main()

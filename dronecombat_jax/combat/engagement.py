@@ -1,11 +1,14 @@
 """The observation `engagement`: `ego`, and what guidance steers by: line of sight and closest approach
-of the other drones and of the target. Plain arrays of one fight.
+of the other drones and of the target. And `tracks`, the same without how the others are turned.
+Plain arrays of one fight.
 
 What does not live here: the other observations (`observe`, `team_views`, `sight`).
 """
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
 
 from dronecombat_jax.combat.sight import Fields, others_of
 from dronecombat_jax.combat.team_views import observe_team_ego
@@ -19,6 +22,7 @@ AHEAD = 1.0  # s, how far the closest approach is looked for
 # Of one thing: r range, c closing speed, l rate of the line of sight, n time until it is nearest,
 # m where it is then (the miss), u unit direction.
 APPROACH_FIELDS: Fields = (("r", 1), ("c", 1), ("l", 3), ("n", 1), ("m", 3), ("u", 3))
+TURNED = ("q", "w", "g")  # attitude, rate, gravity in the own frame: how a drone is turned
 
 
 def engagement_fields(ego: Fields) -> Fields:
@@ -28,6 +32,16 @@ def engagement_fields(ego: Fields) -> Fields:
     others = [name.partition("_")[2] for name, _ in ego if name.startswith("g_")][1:]
     approaches = [(f"{part}_{who}", n) for who in (*others, "t") for part, n in APPROACH_FIELDS]
     return (*ego, *approaches, *((f"e_{who}", 1) for who in others))
+
+
+def track_fields(engagement: Fields) -> tuple[Fields, NDArray[np.int32]]:
+    """The parts of `observe_tracks`, and their columns among those of `observe_engagement`: all but how
+    the others are turned.
+    """
+    names = np.repeat([name for name, _ in engagement], [length for _, length in engagement])
+    kept = lambda name: name.endswith("_self") or name.partition("_")[0] not in TURNED
+    columns = np.flatnonzero([kept(name) for name in names]).astype(np.int32)
+    return tuple(field for field in engagement if kept(field[0])), columns
 
 
 def observe_engagement(sides: Sides, drones: Drones, target: jax.Array) -> jax.Array:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecombat_jax.combat.engagement import engagement_fields, observe_engagement
+from dronecombat_jax.combat.engagement import engagement_fields, observe_engagement, track_fields
 from dronecombat_jax.combat.sight import (
     DOWN,
     Fields,
@@ -156,6 +156,15 @@ def engagement(game: GameConfig) -> Observation:
     return hiding(fields, look, ego_order(game.sides))
 
 
+def tracks(game: GameConfig) -> Observation:
+    """`engagement` without attitude and rate of the others, as a tracker knows them: where they are and
+    how they move. What is not seen cannot be used to mislead.
+    """
+    fields, columns = track_fields(engagement_fields(ego(game).fields))
+    look = lambda drones, target: observe_engagement(game.sides, drones, target)[:, columns]
+    return hiding(fields, look, ego_order(game.sides))
+
+
 def bearing(game: GameConfig) -> Observation:
     """The observation of a camera: directions without distances (`sight.observe_bearing`)."""
     look = functools.partial(observe_bearing, game.sides)
@@ -173,6 +182,7 @@ OBSERVATIONS: dict[str, Observation | Callable[[GameConfig], Observation]] = {
     "world": world,
     "ego": ego,
     "engagement": engagement,
+    "tracks": tracks,
     "bearing": bearing,
     "nearest": nearest,
 }

@@ -223,11 +223,12 @@ class GameConfig:
     timeout_rule: Literal["draw", "defender"] = setting(
         "draw", "who wins at time-out: nobody, or the defender (the attacker has failed)"
     )
-    observation: Literal["world", "ego", "engagement", "bearing", "nearest"] = setting(
+    observation: Literal["world", "ego", "engagement", "tracks", "bearing", "nearest"] = setting(
         "world",
         "world: eq. 5 for both agents; ego: the same in the observing drone's own frame; engagement: "
-        "ego, and lines of sight and closest approaches; bearing: of the other drone its direction "
-        "alone, as a camera gives; nearest: the nearest team mates and opponents, in the own frame",
+        "ego, and lines of sight and closest approaches; tracks: the same without the others' attitude; "
+        "bearing: of the other drone its direction alone, as a camera gives; nearest: the nearest team "
+        "mates and opponents, in the own frame",
         own=True,
     )
     nearest_k: int = setting(

@@ -26,7 +26,7 @@ from dronecombat_jax.sim.scene import Scene
 from dronecombat_jax.types import NUM_SIDES, Cause, SidePolicy
 
 Data = dict[str, Any]
-SEEN = ("world", "ego", "engagement")  # observations that the page's code knows
+SEEN = ("world", "ego", "engagement", "tracks")  # observations that the page's code knows
 
 
 class Opponent(NamedTuple):

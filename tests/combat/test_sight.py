@@ -27,12 +27,13 @@ from dronecombat_jax.types import Craft, Drones, EnvState
 
 HALF = np.sqrt(0.5)
 TEAM = (0, 0, 1)  # two defenders, one attacker
-SIZES = {"world": 35, "ego": 35, "engagement": 60, "bearing": 23, "nearest": 59}
+SIZES = {"world": 35, "ego": 35, "engagement": 60, "tracks": 50, "bearing": 23, "nearest": 59}
 # Where each layout tells of the other drone, by observer.
 TELLS = {
     "world": (np.r_[7:14, 23:29, 32:35], np.r_[0:7, 17:23, 29:32]),
     "ego": (np.r_[7:14, 23:29, 32:35],) * 2,
     "engagement": (np.r_[7:14, 23:29, 32:35, 35:47, 59],) * 2,
+    "tracks": (np.r_[7:10, 19:22, 25:37, 49],) * 2,
     "bearing": (np.r_[19:23],) * 2,
     "nearest": (np.r_[39:49],) * 2,  # the first of two slots for opponents, after two for mates
 }
@@ -68,6 +69,23 @@ def test_engagement_by_hand():
         *("r_other", "c_other", "l_other", "n_other", "m_other", "u_other"),
         *("r_t", "c_t", "l_t", "n_t", "m_t", "u_t", "e_other"),
     ]
+
+
+def test_tracks_are_the_engagement_without_how_the_other_is_turned():
+    drones = place((0, 0, 1), (0, 4, 4), quaternions=[(HALF, 0, 0, HALF), (1, 0, 0, 0)])
+    drones = drones._replace(velocity=np.float32([[0, 1, 0], [0, 1, -5]]))
+    observation, whole = (layout_of(name, GameConfig()) for name in ("tracks", "engagement"))
+    assert [name for name, _ in observation.fields[:8]] == [
+        *("p_self", "q_self", "p_other", "p_t", "v_self", "w_self", "v_other", "g_self"),
+    ]
+    row, all_of_it = (np.asarray(it.observe(drones, jnp.ones(3))) for it in (observation, whole))
+    np.testing.assert_array_equal(row[:, 25:], all_of_it[:, 35:])
+    np.testing.assert_array_equal(row[:, :10], all_of_it[:, :10])
+    turned = drones._replace(
+        quaternion=np.float32([drones.quaternion[0], [0, 1, 0, 0]]),
+        rate=np.float32([[0, 0, 0], [9, 9, 9]]),
+    )
+    np.testing.assert_array_equal(observation.observe(turned, jnp.ones(3))[0], row[0])
 
 
 def test_engagement_stays_within_bounds_where_drones_meet():

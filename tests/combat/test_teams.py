@@ -164,7 +164,7 @@ def test_apart_moves_only_who_is_too_near():
     assert apart(jnp.zeros(3), 0.5).tolist() == [0.0, 0.5, 1.0]
 
 
-@pytest.mark.parametrize("name", ["world", "ego", "engagement", "nearest", "bearing"])
+@pytest.mark.parametrize("name", ["world", "ego", "engagement", "tracks", "nearest", "bearing"])
 def test_permuting_team_mates_permutes_observations_and_nothing_else(name: str):
     """The rows change places; in a row, drones change the places that they stand in."""
     game, random = GameConfig(defenders=3, attackers=2), np.random.default_rng(1)

@@ -22,7 +22,14 @@ GAME = GameConfig(defenders=2, attackers=3)
 
 @pytest.mark.parametrize(
     ("observation", "size"),
-    [("world", 83), ("ego", 83), ("engagement", 147), ("bearing", 35), ("nearest", 59)],
+    [
+        ("world", 83),
+        ("ego", 83),
+        ("engagement", 147),
+        ("tracks", 107),
+        ("bearing", 35),
+        ("nearest", 59),
+    ],
 )
 def test_a_policy_of_a_team_comes_back(tmp_path: Path, observation: str, size: int):
     """16 numbers a drone and 3 of the target; with 13 more for each other

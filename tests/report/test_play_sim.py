@@ -210,7 +210,7 @@ def anyhow(count: int) -> list[EnvState]:
     return states
 
 
-@pytest.mark.parametrize("observation", ["world", "ego", "engagement"])
+@pytest.mark.parametrize("observation", ["world", "ego", "engagement", "tracks"])
 @pytest.mark.parametrize("normalize", [True, False])
 def test_observations_and_the_networks_actions_agree(observation: str, normalize: bool):
     config = Config(game=GameConfig(observation=observation))  # pyright: ignore

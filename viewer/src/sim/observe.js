@@ -16,6 +16,8 @@ import {
 
 const DOWN = [0, 0, -1];
 const [NEAR, SLOW, AHEAD] = [0.5, 1.0, 1.0]; // m, m/s, s: of the observation engagement
+// Of `ego`, the columns of the other's attitude, rate and gravity.
+const TURNED = new Set([10, 11, 12, 13, 26, 27, 28, 32, 33, 34]);
 
 /** The same 35 numbers for both drones. */
 function world(drones, target) {
@@ -77,4 +79,9 @@ function approach(quaternion, way, velocity) {
   return [range, closing, ...into(turning), time, ...into(miss), ...into(unit(way))];
 }
 
-export const OBSERVATIONS = { world, ego, engagement };
+/** 50 of the 60: without how the other is turned. */
+function tracks(drones, target) {
+  return engagement(drones, target).map((seen) => seen.filter((_, column) => !TURNED.has(column)));
+}
+
+export const OBSERVATIONS = { world, ego, engagement, tracks };

@@ -24,7 +24,7 @@ def test_no_preset_is_the_defaults():
 
 def test_the_presets_that_come_with_the_package():
     wanted = {"smoke", "duel", "colab", "paper", "literal", "authors", "solo", "fast", "real"}
-    wanted |= {"strong", "2v1", "2v2", "3v3"}
+    wanted |= {"strong", "responder", "2v1", "2v2", "3v3"}
     assert wanted <= settings.presets().keys()
 
 

@@ -35,7 +35,7 @@ def engagement_fields(ego: Fields) -> Fields:
 
 
 def track_fields(engagement: Fields) -> tuple[Fields, NDArray[np.int32]]:
-    """The parts of `observe_tracks`, and their columns among those of `observe_engagement`: all but how
+    """The parts of `tracks`, and their columns among those of `observe_engagement`: all but how
     the others are turned.
     """
     names = np.repeat([name for name, _ in engagement], [length for _, length in engagement])

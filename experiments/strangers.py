@@ -9,9 +9,15 @@ of its fights that end at the target, by attacker.
 """
 
 import argparse
+import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from measured import markdown_row
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import names_of
@@ -36,7 +42,7 @@ def main() -> None:
     fly = recorder(Combat(crew.config), Filming(flags.fights))
     defenders, attackers = (field(first, words, role) for role in (DEFENDER, ATTACKER))
     for cells in table(defenders, attackers, fly):
-        print(f"| {' | '.join(cells)} |", flush=True)
+        print(markdown_row(cells), flush=True)
 
 
 def side_of(word: str) -> tuple[int, ...]:

@@ -1,7 +1,5 @@
 """Tournaments with a planted truth, and their entrants; shared by the tests of ratings and
 statistics.
-from pathlib import Path
-
 """
 
 from pathlib import Path

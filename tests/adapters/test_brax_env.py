@@ -171,6 +171,7 @@ def test_a_decision_terminates(wrapped: SimpleNamespace, drone: slice, outcome: 
     assert state.reward[3] == pytest.approx(300.0 if outcome == "win" else -300.0, abs=2.0)
 
 
+@pytest.mark.long
 def test_a_time_out_that_decides_terminates():
     batch = jitted(wrap(make(DEFENDER, timeout_rule="defender"), LENGTH))
     state = batch.step(place(batch.reset(keys()), 3, clock=LENGTH - 1), ACTION)
@@ -229,6 +230,7 @@ def test_an_end_is_followed_by_a_fresh_start_and_keeps_its_final_observation(
     ]
 
 
+@pytest.mark.long
 def test_exploring_fights_begin_in_motion():
     combat = Coasting(Config(game=GameConfig(episode_steps=1), train=TrainConfig(start_speed=4.0)))
     batch = jitted(wrap(CombatEnv(combat, ATTACKER, hold, exploring=True), 1))

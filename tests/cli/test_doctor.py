@@ -107,6 +107,7 @@ def test_doctor_says_why_a_drones_file_cannot_be_flown(tmp_path, capsys):
     )
 
 
+@pytest.mark.long
 def test_doctor_fails_where_the_flights_part(tmp_path, capsys, monkeypatch):
     """As if the game left the fluid out."""
     plain = side_by_side.build_step

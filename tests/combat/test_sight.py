@@ -285,6 +285,7 @@ def test_noise_does_not_decide_who_is_seen(arena: SimpleNamespace):
     assert (seen[..., 22] == 1.0).all() and np.abs(seen[:, 0, 19:22].std(axis=0)).min() > 0.05
 
 
+@pytest.mark.long
 def test_a_missed_measurement_stays_missed_until_the_next(arena: SimpleNamespace):
     """A period of 4 steps: the flag is that of the measurement, and comes late with it."""
     combat = limited_combat(arena, "bearing", dropout=0.5, period=4, latency=1)

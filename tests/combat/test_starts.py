@@ -100,6 +100,7 @@ def test_a_share_of_the_trainings_fights_starts_anywhere(arena: SimpleNamespace)
     np.testing.assert_array_equal(state.qpos[alone, :7], usual.qpos[alone, :7])
 
 
+@pytest.mark.long
 def test_a_share_of_the_trainings_fights_starts_at_rest(arena: SimpleNamespace):
     train = TrainConfig(start_speed=4.0, start_anywhere=0.5, start_at_rest=0.25)
     combat = Combat(Config(train=train), arena.combat.scene)

@@ -145,6 +145,7 @@ def test_both_drones_and_the_target_can_be_seen(scene: Scene):
 
 
 @pytest.mark.usefixtures("opengl", "small")
+@pytest.mark.long
 def test_teams_are_numbered_and_who_is_down_is_pale(tmp_path: Path, monkeypatch):
     """Drones 0 and 3 are down at the end; attacker 1 arrives, and defender 1 was nearest to it."""
     labels, insets, drawn = [], [], {}

@@ -134,6 +134,7 @@ def test_the_command_writes_what_it_counted(run, capsys):
     assert np.all(again.steps[again.cause == Cause.TIMEOUT] == 25)
 
 
+@pytest.mark.long
 def test_what_was_drawn_for_each_fight_and_side_is_written_down(run):
     saved = load_run(run.path)
     assert drawn_numbers(saved, Match()) == {}

@@ -146,6 +146,7 @@ def test_folder_is_found_in_a_checkout_and_in_a_wheel(
     assert load_scene(SimConfig()).path == wheel / "combat.xml"
 
 
+@pytest.mark.long
 def test_a_whole_scene_may_have_a_fluid_and_two_different_drones(mjcf: Path):
     file = mjcf / "combat.xml"
     rewrite(file, 'gravity="0 0 -9.81"', 'gravity="0 0 -9.81" density="1.2"')

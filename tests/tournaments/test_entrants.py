@@ -72,6 +72,7 @@ def test_a_run_stands_for_both_sides_after_every_chunk(home: Path):
     assert field.config == TOY and field.notices == field.bad == ()
 
 
+@pytest.mark.long
 def test_the_untrained_take_part_when_asked_for(home: Path):
     field = read_field([str(home / "ten")], every=5, untrained=True)
     assert [seat.entrant.label for seat in field.seats[DEFENDER]] == ["ten 0", "ten 5", "ten 10"]

@@ -145,6 +145,7 @@ def even(monkeypatch) -> None:
     monkeypatch.setattr(newcomers, "_fly", tied)
 
 
+@pytest.mark.long
 def test_of_a_run_the_newest_of_both_sides_and_all_seeds_is_rated(tmp_path, even):
     two = replace(TOY, train=replace(TOY.train, num_seeds=2))
     run = write_run(tmp_path / "pair", two, chunks=3)

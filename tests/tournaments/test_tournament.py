@@ -48,6 +48,7 @@ def test_the_result_is_whole(alone: SimpleNamespace):
     )
 
 
+@pytest.mark.long
 def test_from_other_starts_it_is_another_tournament(
     runs: Path, alone: SimpleNamespace, place: SimpleNamespace
 ):
@@ -78,6 +79,7 @@ def test_some_cells_alone_and_then_the_rest(
     assert_same(load_result(place.folder), alone.result)
 
 
+@pytest.mark.long
 def test_a_policy_that_was_saved_twice_is_in_the_result_at_both_times(
     runs: Path, place: SimpleNamespace, tmp_path: Path
 ):
@@ -116,6 +118,7 @@ def test_appended_checkpoints_fly_the_new_cells_alone(
     assert_same(load_result(place.folder), alone.result)
 
 
+@pytest.mark.long
 def test_other_rules_are_other_fights_beside_the_old_ones(
     runs: Path, alone: SimpleNamespace, place: SimpleNamespace
 ):

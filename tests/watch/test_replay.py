@@ -49,6 +49,7 @@ def test_the_last_runs_fights_on_one_page(toy_run: Path, capsys: pytest.CaptureF
     assert "runs/toy/replay.html" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_show_takes_what_train_returns(toy_run: Path):
     shown = room.show(toy_run, attacker=toy_run, defender="hover")  # paths, as `train` gives them
     assert shown.title == "hover (scripted) defends against toy chunk 2"
@@ -68,6 +69,7 @@ def test_an_evolution_is_one_start_flown_by_all_chunks(toy_run: Path):
     assert len({fight["states"] for fight in fights}) == 3
 
 
+@pytest.mark.long
 def test_one_side_of_an_evolution_may_stay(toy_run: Path):
     room.replay(Named(("toy",), ("hover", "")), Filming(), out=Path("hover.html"), evolution=True)
     page = data_in(Path("hover.html"))
@@ -121,6 +123,7 @@ def test_a_film_is_of_the_pages_first_fight(
     )
 
 
+@pytest.mark.long
 def test_show_is_for_notebooks():
     shown = room.show("toy", attacker=1, fights=2, height=300)
     assert "toy chunk 1" in shown.title and len(shown.fights) == 2

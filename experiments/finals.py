@@ -30,6 +30,7 @@ from dronecombat_jax.analysis.result import (
     by_training,
     scores,
 )
+from dronecombat_jax.errors import UserError
 from dronecombat_jax.tournaments.result_file import load_result
 from dronecombat_jax.types import SIDES
 
@@ -38,7 +39,10 @@ def main() -> None:
     """Read the flag, print both tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition(".")[0])
     parser.add_argument("tournament", type=Path, help="its folder, or its result file")
-    result = load_result(parser.parse_args().tournament)
+    try:
+        result = load_result(parser.parse_args().tournament)
+    except UserError as error:
+        parser.exit(error.exit_code, f"error: {error.message}\n")
     heads = ["side", "final policies: mean (least to most)", "scripted pilots"]
     print_rows(heads, ratings(result))
     print()

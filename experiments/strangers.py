@@ -21,6 +21,7 @@ from measured import markdown_row
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.scripted import names_of
+from dronecombat_jax.errors import UserError
 from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, Trajectory
 from dronecombat_jax.watch.flyers import Flyer, Named, read_crew
 from dronecombat_jax.watch.recording import Filming, Record, recorder
@@ -38,9 +39,12 @@ def main() -> None:
     first = next((word for word, _ in words if not side_of(word)), None)
     if first is None:
         parser.error("name a run: its game is flown")
-    crew = read_crew(Named((first,)))
+    try:
+        crew = read_crew(Named((first,)))
+        defenders, attackers = (field(first, words, role) for role in (DEFENDER, ATTACKER))
+    except UserError as error:
+        parser.exit(error.exit_code, f"error: {error.message}\n")
     fly = recorder(Combat(crew.config), Filming(flags.fights))
-    defenders, attackers = (field(first, words, role) for role in (DEFENDER, ATTACKER))
     for cells in table(defenders, attackers, fly):
         print(markdown_row(cells), flush=True)
 

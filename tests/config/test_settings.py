@@ -52,6 +52,14 @@ def test_what_the_presets_promise():
     colab, duel = settings.load("colab"), settings.load("duel")
     only_more = {"total_steps": 48_000_000, "chunk_iterations": 50, "num_seeds": 8}
     assert colab == dataclasses.replace(duel, train=dataclasses.replace(duel.train, **only_more))
+    strong, responder = settings.load("strong"), settings.load("responder")
+    assert responder == dataclasses.replace(
+        strong,
+        game=dataclasses.replace(strong.game, observation="engagement"),
+        learn=dataclasses.replace(strong.learn, defender_post=0.0),
+        selfplay=Config().selfplay,
+        train=dataclasses.replace(strong.train, total_steps=responder.train.total_steps),
+    )
     assert (
         duel.game.crash_rule == "out" and duel.train.num_envs * duel.learn.rollout_steps == 24_000
     )

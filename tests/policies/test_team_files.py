@@ -33,7 +33,8 @@ GAME = GameConfig(defenders=2, attackers=3)
 )
 def test_a_policy_of_a_team_comes_back(tmp_path: Path, observation: str, size: int):
     """16 numbers a drone and 3 of the target; with 13 more for each other
-    and 12 for the target; 19 own ones and 4 for each other; 19 and 4 slots.
+    and 12 for the target; of these without 10 for each other; 19 own ones and 4 for each other; 19
+    and 4 slots.
     """
     config = Config(game=replace(GAME, observation=observation))  # pyright: ignore[reportArgumentType]
     assert observation_of(config).size == size

@@ -27,6 +27,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import variants
+from flown import flown
 from kept import read_lines
 from measured import markdown_row, spread
 
@@ -38,7 +39,6 @@ from dronecombat_jax.analysis.result import (
     first_episodes,
 )
 from dronecombat_jax.analysis.study import ELO_EPISODES, Effort, own_elo
-from dronecombat_jax.errors import EXIT_TOURNAMENT, UserError
 from dronecombat_jax.files.atomic import write_atomic
 
 ANCHORS = "scripted:all"
@@ -109,29 +109,16 @@ def fly(study: variants.Study, root: Path, fights: int, tournaments: Path) -> li
     """The tournament of all runs of the study that are whole, and what each came to. SystemExit,
     one line, where there are none and for what cannot be flown.
     """
-    from dronecombat_jax.arena.rectangle import Rules
-    from dronecombat_jax.machine import backend
-    from dronecombat_jax.tournaments.result_file import load_result
-    from dronecombat_jax.tournaments.tournament import tournament
-
     folders = variants.whole(study, root)
     if not folders:
         raise SystemExit(f"{root}: no finished run of the study {study.name}")
-    backend.prepare("cpu")
-    try:
-        code = tournament(
-            [*map(str, folders.values()), ANCHORS],
-            Rules(fights),
-            name=study.name,
-            root=str(tournaments),
-            cells=partial(cross_play_cells, every=EVERY),
-            allow_mismatch=True,
-        )
-        if code not in (0, EXIT_TOURNAMENT):
-            raise SystemExit(code)
-        result = load_result(tournaments / study.name)
-    except UserError as error:
-        raise SystemExit(str(error)) from None
+    result = flown(
+        [*map(str, folders.values()), ANCHORS],
+        tournaments / study.name,
+        fights,
+        cells=partial(cross_play_cells, every=EVERY),
+        allow_mismatch=True,
+    )
     return counted(result, {f"{folder.name}#{run[1]}": run for run, folder in folders.items()})
 
 

@@ -75,12 +75,19 @@ def table(study: variants.Study, lines: Sequence[dict[str, Any]]) -> str:
         cells = [f"`{variant.name}`{about}", str(len(own) or "not flown")]
         if own:
             cells += [
-                spread([line[key] for line in own], digits)
+                by_seed([line[key] for line in own], digits)
                 for key, digits in (("attackers_ahead", 0), ("win_rate", 2), ("decline", 2))
             ]
             cells += [", ".join(str(sum(shows(line))) for line in own)]
         rows.append(markdown_row(cells + [""] * (len(heads) - len(cells))))
     return "\n".join(rows)
+
+
+def by_seed(values: Sequence[float], digits: int) -> str:
+    """Each seed's number, or of three and more the mean with its interval."""
+    if len(values) < 3:
+        return ", ".join(f"{value:.{digits}f}" for value in values)
+    return spread(values, digits)
 
 
 def main() -> int:

@@ -14,7 +14,6 @@ studies/STUDY_away.jsonl. The tournament goes on where it stopped.
 by default the first variant; intervals are Welch's, of each difference alone.
 """
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -27,7 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import variants
-from flown import flown
+from flown import flown, study_flags
 from kept import read_lines
 from measured import markdown_row, spread
 
@@ -124,17 +123,8 @@ def fly(study: variants.Study, root: Path, fights: int, tournaments: Path) -> li
 
 def main() -> int:
     """Fly, keep, print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("study", type=Path, help="a study file")
-    parser.add_argument(
-        "--runs", type=Path, default=Path("runs"), help="folder that holds all studies"
-    )
-    parser.add_argument("--tournaments", type=Path, default=Path("tournaments"))
-    parser.add_argument("--fights", type=int, default=20, help="of a pair (%(default)s)")
+    parser = study_flags(__doc__, 20)
     parser.add_argument("--reference", help="the variant that all others are compared with")
-    parser.add_argument("--table", action="store_true", help="fly nothing, print what is kept")
     flags = parser.parse_args()
     study = variants.read_study(flags.study)
     names = [variant.name for variant in study.variants]

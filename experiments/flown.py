@@ -1,5 +1,6 @@
-"""A tournament of trained runs for a study's tables; it goes on where it stopped."""
+"""A tournament of a study's trained runs, for its tables; and the flags of the commands that fly one."""
 
+import argparse
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,9 @@ from dronecombat_jax.errors import EXIT_TOURNAMENT, UserError
 
 
 def flown(words: Sequence[str], folder: Path, fights: int, **options: Any) -> TournamentResult:
-    """The result of everybody whom `words` name, `fights` of each pair, kept in `folder`; `options`
-    of `tournaments.tournament.tournament`. SystemExit, one line, for what cannot be flown.
+    """The result of everybody whom `words` name, `fights` of each pair, kept in `folder`, where it
+    goes on if it was stopped; `options` of `tournaments.tournament.tournament`. SystemExit, one line,
+    for what cannot be flown.
     """
     from dronecombat_jax.arena.rectangle import Rules
     from dronecombat_jax.machine import backend
@@ -27,3 +29,18 @@ def flown(words: Sequence[str], folder: Path, fights: int, **options: Any) -> To
         return load_result(folder)
     except UserError as error:
         raise SystemExit(str(error)) from None
+
+
+def study_flags(about: str | None, fights: int) -> argparse.ArgumentParser:
+    """The flags that all such commands have; `about`: the module's words, `fights`: of a pair."""
+    parser = argparse.ArgumentParser(
+        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("study", type=Path, help="a study file")
+    parser.add_argument(
+        "--runs", type=Path, default=Path("runs"), help="folder that holds all studies"
+    )
+    parser.add_argument("--tournaments", type=Path, default=Path("tournaments"))
+    parser.add_argument("--fights", type=int, default=fights, help="of a pair (%(default)s)")
+    parser.add_argument("--table", action="store_true", help="fly nothing, print what is kept")
+    return parser

@@ -145,7 +145,8 @@ def markdown(rows: Sequence[tuple[str, str, list[dict[str, Any]]]]) -> str:
         fares = [spread([run["against"][opponent] for run in runs]) for opponent in opponents]
         second.append(markdown_row([f"`{name}`", *fares]))
     note = (
-        "Mean over seeds, ± its 95 % interval by Student's t; in brackets the least and the most."
+        "Mean over seeds, ± its 95 % interval by Student's t; in brackets the least and the most. "
+        "One seed or two: their own."
     )
     return "\n".join([*first, "", *second, "", note])
 
@@ -164,10 +165,12 @@ def _from(runs: Sequence[dict[str, Any]]) -> str:
 
 
 def spread(values: Sequence[float], digits: int = 2) -> str:
-    """Mean over seeds, ± its 95 % interval by Student's t; in brackets the least and the most."""
+    """Mean over seeds, ± its 95 % interval by Student's t; in brackets the least and the most. One
+    seed's or two seeds' numbers stand there themselves.
+    """
     shown = lambda value: f"{value:.{digits}f}"
-    if len(values) == 1:
-        return shown(values[0])
+    if len(values) < 3:
+        return ", ".join(map(shown, values))
     mean, half = shown(float(np.mean(values))), shown(half_width(values))
     return f"{mean} ± {half} ({shown(min(values))} to {shown(max(values))})"
 

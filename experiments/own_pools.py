@@ -15,7 +15,6 @@ What a run came to is kept beside the study file, as studies/STUDY_own.jsonl. `-
 and prints the table of what is kept.
 """
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -25,7 +24,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 
 import variants
-from flown import flown
+from flown import flown, study_flags
 from kept import read_lines
 from measured import markdown_row, spread
 
@@ -75,7 +74,7 @@ def table(study: variants.Study, lines: Sequence[dict[str, Any]]) -> str:
         cells = [f"`{variant.name}`{about}", str(len(own) or "not flown")]
         if own:
             cells += [
-                by_seed([line[key] for line in own], digits)
+                spread([line[key] for line in own], digits)
                 for key, digits in (("attackers_ahead", 0), ("win_rate", 2), ("decline", 2))
             ]
             cells += [", ".join(str(sum(shows(line))) for line in own)]
@@ -83,26 +82,9 @@ def table(study: variants.Study, lines: Sequence[dict[str, Any]]) -> str:
     return "\n".join(rows)
 
 
-def by_seed(values: Sequence[float], digits: int) -> str:
-    """Each seed's number, or of three and more the mean with its interval."""
-    if len(values) < 3:
-        return ", ".join(f"{value:.{digits}f}" for value in values)
-    return spread(values, digits)
-
-
 def main() -> int:
     """Fly what is missing, keep it, print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("study", type=Path, help="a study file")
-    parser.add_argument(
-        "--runs", type=Path, default=Path("runs"), help="folder that holds all studies"
-    )
-    parser.add_argument("--tournaments", type=Path, default=Path("tournaments"))
-    parser.add_argument("--fights", type=int, default=10, help="of a pair (%(default)s)")
-    parser.add_argument("--table", action="store_true", help="fly nothing, print what is kept")
-    flags = parser.parse_args()
+    flags = study_flags(__doc__, 10).parse_args()
     study = variants.read_study(flags.study)
     path = flags.study.with_name(f"{study.name}_own.jsonl")
     lines = {(line["variant"], line["seed"]): line for line in read_lines(path)}

@@ -174,12 +174,14 @@ def test_the_table_tells_worst_and_best_seed():
             "fights_from": start, "against": dict.fromkeys((*measured.DEFENDERS, *measured.ATTACKERS), share),
         }  # fmt: skip
 
-    text = measured.markdown([("a", "", [run(0.2, 4_000_000), run(0.4, None)]), ("b", "", [])])
+    three = [run(0.2, 4_000_000), run(0.4, None), run(0.3, None)]
+    text = measured.markdown([("a", "", three), ("b", "", []), ("c", "", three[:2])])
     lines = text.splitlines()
-    assert "| 1 of 2 | never (never) | 0.30 ± 1.27 (0.20 to 0.40) |" in lines[2]
+    assert "| 1 of 3 | never (never) | 0.30 ± 0.25 (0.20 to 0.40) |" in lines[2]
     assert "| `b` | not run |" in lines[3] and text.count("`b`") == 1
-    assert lines[5].startswith("| variant | stops dash |")
-    assert lines[7] == "| `a` |" + " 0.30 ± 1.27 (0.20 to 0.40) |" * 7
+    assert "| 1 of 2 | never (never) | 0.20, 0.40 |" in lines[4]  # two seeds: their own numbers
+    assert lines[6].startswith("| variant | stops dash |")
+    assert lines[8] == "| `a` |" + " 0.30 ± 0.25 (0.20 to 0.40) |" * 7
 
 
 def test_one_row_for_each_finished_run(tmp_path):

@@ -26,7 +26,9 @@ from dronecombat_jax.types import DEFENDER, SIDES, SidePolicy
 
 ANCHOR_PRESET = "duel"  # the game of scripted pilots alone
 # who flies where there is no run yet: pilots of the package, or where it holds none scripted ones
-FIRST_LOOK = (f"{shipped.PREFIX}sippo-defender", f"{shipped.PREFIX}sippo-attacker")
+FIRST_LOOK = (f"{shipped.PREFIX}strong-defender", f"{shipped.PREFIX}strong-attacker")
+FIRST_STARTS = "even"  # from their own they are no match: the defender wins nearly all fights
+FIRST_OPPONENT = f"{shipped.PREFIX}sippo-defender"  # of a person, who is to have a chance
 SCRIPTED_LOOK = (f"{SCRIPTED_PREFIX}proportional_navigation", f"{SCRIPTED_PREFIX}weave")
 
 
@@ -49,6 +51,7 @@ class Crew(NamedTuple):
     config: Config
     flyers: tuple[Flyer, Flyer]
     run: RunDirectory | None
+    starts: str = ""  # where fights start unless others are asked for (`config.starts`)
 
 
 class Opponents(NamedTuple):
@@ -72,6 +75,7 @@ class Named(NamedTuple):
 
 def read_crew(named: Named) -> Crew:
     """Find and check both sides. UserError: 2 for unknown words, 3 for data or another game."""
+    named, starts = _first_look(named)
     run, first, config = _read_words(named)
     if not game_of(config).flies[DEFENDER] and named.wanted[DEFENDER]:
         raise UserError("in a solo run the attacker flies alone: --defender has no place there")
@@ -84,7 +88,7 @@ def read_crew(named: Named) -> Crew:
     defender, attacker = (
         flyer._replace(observation=own_view(flyer.environment, config.game)) for flyer in flyers
     )
-    crew = Crew(config, (defender, attacker), run)
+    crew = Crew(config, (defender, attacker), run, starts)
     _refuse_other_games(crew, named.allow_mismatch)
     return crew
 
@@ -100,7 +104,7 @@ def read_opponents(words: tuple[str, ...], run_seed: int = -1) -> Opponents:
     word, chunk = words[0] if words else "", None
     run = None if words else last_run()
     if not words and run is None:
-        word = _first_look()[DEFENDER]
+        word = FIRST_OPPONENT if shipped.names() else SCRIPTED_LOOK[DEFENDER]
     if run is None and _is_player(word):
         role, flyer, game = _player(word)
         both = (flyer, None) if role == DEFENDER else (None, flyer)
@@ -195,16 +199,18 @@ def _read_words(named: Named) -> tuple[RunDirectory | None, dict[int, Flyer], Co
         config = config or game
     if not named.words and not any(_stands_alone(word) for word in named.wanted):
         run = last_run()
-        if run is None and not any(named.wanted):
-            return _read_words(named._replace(words=_first_look()))
     if run is not None:
         config = newest_start(run).config
     return run, flyers, config or settings.load(ANCHOR_PRESET)
 
 
-def _first_look() -> tuple[str, str]:
-    """Who flies before any training: defender and attacker."""
-    return FIRST_LOOK if shipped.names() else SCRIPTED_LOOK
+def _first_look(named: Named) -> tuple[Named, str]:
+    """Where nobody is named and there is no run yet: who flies, and from which starts."""
+    if named.words or any(named.wanted) or last_run() is not None:
+        return named, ""
+    if shipped.names():
+        return named._replace(words=FIRST_LOOK), FIRST_STARTS
+    return named._replace(words=SCRIPTED_LOOK), ""
 
 
 def _is_player(word: str) -> bool:

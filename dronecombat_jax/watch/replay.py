@@ -147,6 +147,7 @@ def _fly(
     evolution: bool,
     say: Callable[[str], None] = lambda _: None,
 ) -> Replay:
+    filming = _from(crew, filming)
     combat = Combat(with_starts(crew.config, filming.spawn))
     rules = rules_of(combat.config, combat.scene)
     if evolution:
@@ -192,6 +193,7 @@ def _evolution(
 
 
 def _film(crew: Crew, filming: Filming, path: Path) -> int:
+    filming = _from(crew, filming)
     combat = Combat(with_starts(crew.config, filming.spawn))
     title = _against(crew.flyers, not game_of(crew.config).flies[DEFENDER])
     print(f"flying a fight and filming it: {title}", flush=True)
@@ -201,6 +203,11 @@ def _film(crew: Crew, filming: Filming, path: Path) -> int:
     render_fight(fight, combat.scene, None, path, **radii)
     print(f"film: {path} ({path.stat().st_size / 1e6:.2f} MB)", flush=True)
     return 0
+
+
+def _from(crew: Crew, filming: Filming) -> Filming:
+    """What is filmed, from the crew's own starts where no others are asked for."""
+    return filming._replace(spawn=filming.spawn or crew.starts)
 
 
 def _against(flyers: Sequence[Flyer], alone: bool) -> str:

@@ -1,6 +1,7 @@
 """Pilots that come with the package: names, cards, and that they are found wherever a file is."""
 
 import json
+import re
 
 import jax
 import numpy as np
@@ -15,7 +16,7 @@ from dronecombat_jax.policies import shipped
 from dronecombat_jax.policies.file import save_policy
 from dronecombat_jax.tournaments.contenders import find
 from dronecombat_jax.types import ATTACKER, DEFENDER, SIDES
-from dronecombat_jax.watch.flyers import Named, read_crew
+from dronecombat_jax.watch.flyers import Named, read_crew, read_opponents
 
 NAMES = ("ippo-attacker-9", "ippo-attacker-34", "ippo-defender-34", "sippo-attacker-34")
 
@@ -55,11 +56,23 @@ def test_they_take_part_in_a_tournament_as_files_do(folder):
     assert alone.entrant.label == "ippo-attacker-34" and alone.entrant.chunk == 34
 
 
-def test_they_fly_a_replay_and_the_first_one_needs_no_word(folder):
+def test_they_fly_a_replay(folder):
     crew = read_crew(Named(("pilots:ippo-attacker-9",), ("hover", "")))
     assert [flyer.label for flyer in crew.flyers] == ["hover (scripted)", "ippo-attacker-9"]
+
+
+def test_the_first_replay_needs_no_word_and_is_an_even_fight_of_the_strongest(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
     crew = read_crew(Named())
-    assert [flyer.label for flyer in crew.flyers] == ["sippo-defender-34", "sippo-attacker-34"]
+    labels = [re.sub(r"\d+$", "", flyer.label) for flyer in crew.flyers]
+    assert labels == ["strong-defender-", "strong-attacker-"]
+    assert crew.starts == "even"
+    assert read_crew(Named(("pilots:ippo-attacker",), ("hover", ""))).starts == ""
+    # a person flies against one that can be beaten
+    met = read_opponents(())
+    assert met.flyers[DEFENDER] is not None and met.flyers[DEFENDER].label == "sippo-defender-34"
 
 
 def test_without_pilots_the_first_replay_is_of_scripted_ones(tmp_path, monkeypatch):

@@ -26,9 +26,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import variants
-from flown import flown, study_flags
 from kept import read_lines
 from measured import markdown_row, spread
+from study_tournament import flown, study_flags
 
 from dronecombat_jax.analysis.compare import welch
 from dronecombat_jax.analysis.panel import EVERY, away_panel, cross_play_cells

@@ -24,9 +24,9 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 
 import variants
-from flown import flown, study_flags
 from kept import read_lines
 from measured import markdown_row, spread
+from study_tournament import flown, study_flags
 
 from dronecombat_jax.analysis import claim_measures
 from dronecombat_jax.analysis.result import TournamentResult, first_episodes, win_rate

@@ -71,8 +71,8 @@ def test_the_first_replay_needs_no_word_and_is_an_even_fight_of_the_strongest(
     assert crew.starts == "even"
     assert read_crew(Named(("pilots:ippo-attacker",), ("hover", ""))).starts == ""
     # a person flies against one that can be beaten
-    met = read_opponents(())
-    assert met.flyers[DEFENDER] is not None and met.flyers[DEFENDER].label == "sippo-defender-34"
+    met = read_opponents(()).flyers[DEFENDER]
+    assert met is not None and met.label == "sippo-defender-34"
 
 
 def test_without_pilots_the_first_replay_is_of_scripted_ones(tmp_path, monkeypatch):

@@ -28,16 +28,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 import variants
 from kept import read_lines
 from measured import markdown_row, spread
-from study_tournament import flown, study_flags
+from study_tournament import flown, own_ratings, study_flags
 
 from dronecombat_jax.analysis.compare import welch
 from dronecombat_jax.analysis.panel import EVERY, away_panel, cross_play_cells
-from dronecombat_jax.analysis.result import (
-    TournamentResult,
-    by_training,
-    first_episodes,
-)
-from dronecombat_jax.analysis.study import ELO_EPISODES, Effort, own_elo
+from dronecombat_jax.analysis.result import TournamentResult, by_training
 from dronecombat_jax.files.atomic import write_atomic
 
 ANCHORS = "scripted:all"
@@ -53,9 +48,7 @@ def counted(result: TournamentResult, runs: dict[str, tuple[str, int]]) -> list[
     seed by `Entrant.lineage`. A run that did not play what its numbers need is left out.
     """
     panel = away_panel(result)
-    rated = own_elo(
-        first_episodes(result, min(ELO_EPISODES, result.cause.shape[2])), Effort().orders
-    )
+    rated = own_ratings(result)
     finals = {run: saved[-1][0] for run, saved in by_training(result.defenders).items()}
     lines = []
     for run, score, fights in zip(panel.runs, panel.adjusted, panel.fights, strict=True):

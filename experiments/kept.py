@@ -40,10 +40,12 @@ def read_lines(path: Path) -> list[dict[str, Any]]:
 
 
 class Kept:
-    """The lines of one study. SystemExit, one line, for a file that cannot be read."""
+    """The lines of one study; `kind`: of another measure than `measured.of`, kept in a file of its own,
+    studies/NAME_KIND.jsonl. SystemExit, one line, for a file that cannot be read.
+    """
 
-    def __init__(self, study: Path):
-        self.path = study.with_suffix(".jsonl")
+    def __init__(self, study: Path, kind: str = ""):
+        self.path = study.with_name(f"{study.stem}{kind and '_'}{kind}.jsonl")
         self._lines = self._read()
 
     def _read(self) -> list[dict[str, Any]]:

@@ -5,7 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from dronecombat_jax.analysis.result import TournamentResult
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecombat_jax.analysis.result import TournamentResult, first_episodes
+from dronecombat_jax.analysis.study import ELO_EPISODES, Effort, own_elo
 from dronecombat_jax.errors import EXIT_TOURNAMENT, UserError
 
 
@@ -29,6 +33,12 @@ def flown(words: Sequence[str], folder: Path, fights: int, **options: Any) -> To
         return load_result(folder)
     except UserError as error:
         raise SystemExit(str(error)) from None
+
+
+def own_ratings(result: TournamentResult) -> dict[str, NDArray[np.float64]]:
+    """Elo within each run's own tournament, by lineage, from as many fights of a pair as the paper takes."""
+    rated = first_episodes(result, min(ELO_EPISODES, result.cause.shape[2]))
+    return own_elo(rated, Effort().orders)
 
 
 def study_flags(about: str | None, fights: int) -> argparse.ArgumentParser:

@@ -95,7 +95,7 @@ def read_crew(named: Named) -> Crew:
 
 def read_opponents(words: tuple[str, ...], run_seed: int = -1) -> Opponents:
     """Find the opponent that is named: RUN or RUN:CHUNK (its policies of both sides), a policy file,
-    scripted:NAME; without a word the last run, or where there is none yet a scripted defender.
+    scripted:NAME; without a word the last run, or where there is none yet a defender of the package.
     UserError: 2 for words, 3 for data.
     """
     if len(words) > 1:

@@ -1,12 +1,12 @@
 """What the paper shows, in each run of a study: what is counted of its own tournament, and the table."""
 
-import json
 import sys
 
 import numpy as np
 import own_pools
 import pytest
 import variants
+from kept import Kept
 from tournaments import build, entrants
 
 from dronecombat_jax.types import Cause
@@ -46,11 +46,14 @@ def test_a_run_shows_what_is_planted(middle, late, shown):
 def test_a_row_has_a_variants_seeds_and_what_is_not_flown_is_said(tmp_path, monkeypatch, capsys):
     path = tmp_path / "small.toml"
     path.write_text(STUDY)
-    line = lambda seed, ahead: {
-        "variant": "default", "seed": seed, "attackers_ahead": ahead, "win_rate": 0.3, "decline": 0.0
-    }  # fmt: skip
-    kept = "".join(json.dumps(line(seed, ahead)) + "\n" for seed, ahead in enumerate((90.0, -10.0)))
-    path.with_name("small_own.jsonl").write_text(kept)
+    default, later = variants.read_study(path).variants
+    kept = Kept(path, "own")
+    for seed, ahead in enumerate((90.0, -10.0)):
+        numbers = {"attackers_ahead": ahead, "win_rate": 0.3, "decline": 0.0}
+        kept.keep("default", seed, default.changed, numbers)
+        # of other settings than today's: does not count
+        kept.keep("later", seed, {**later.changed, "game.intercept_radius": 0.1}, numbers)
+    assert kept.path == path.with_name("small_own.jsonl")
     monkeypatch.setattr(sys, "argv", ["own_pools.py", str(path), "--table"])
     assert own_pools.main() == 0
     table = capsys.readouterr().out
@@ -59,4 +62,3 @@ def test_a_row_has_a_variants_seeds_and_what_is_not_flown_is_said(tmp_path, monk
     # without --table, runs that are not there are not flown either, and what is kept stays
     monkeypatch.setattr(sys, "argv", ["own_pools.py", str(path), "--runs", str(tmp_path)])
     assert own_pools.main() == 0 and capsys.readouterr().out == table
-    assert variants.read_study(path).name == "small"

@@ -1,6 +1,7 @@
 """Best responses by another learner: brax's PPO, through the package's view, against a frozen policy.
 
     python experiments/brax_response.py RUN --role defender --steps 20e6 --restarts 2
+    python experiments/brax_response.py pilots:strong-defender-67 --preset responder
 
 Does `dronecombat exploit` say something of the policy, or of our learner alone? Responders of brax's
 PPO, one after the other, learn from the same starts against the same frozen policy, and the best is
@@ -34,9 +35,11 @@ def main() -> int:
     parser.add_argument("--steps", type=float, default=20e6, help="of each responder (%(default)s)")
     parser.add_argument("--restarts", type=int, default=2, help="responders (%(default)s)")
     parser.add_argument("--fights", type=int, default=1024, help="fresh ones (%(default)s)")
+    parser.add_argument("--preset", default="", help="settings of the responders, as there")
     flags = parser.parse_args()
     try:
-        planned = plan(Wanted(flags.run, flags.role, flags.steps, flags.restarts, flags.fights))
+        wanted = Wanted(flags.run, flags.role, flags.steps, flags.restarts, flags.fights)
+        planned = plan(wanted._replace(preset=flags.preset))
         backend.prepare("auto")
         print(respond(planned))
     except UserError as error:
@@ -61,9 +64,10 @@ def respond(planned: Plan) -> str:
     write_policy(planned)
     config, wanted = planned.config, planned.wanted
     combat, side = Combat(config), SIDES.index(wanted.role)
-    cast = read_named(config).cast
-    frozen = next(iter(cast.values()), wanted.word.partition(":")[2])
-    each = [trained(combat, side, frozen, config.train.seed + i) for i in range(wanted.restarts)]
+    guest = next(iter(read_named(config).cast(config.game).values()), None)
+    frozen, shown = guest or (wanted.word.partition(":")[2], "")
+    seeds = range(config.train.seed, config.train.seed + wanted.restarts)
+    each = [trained(combat, side, frozen, shown, seed) for seed in seeds]
     make_policy = each[0][0]
     stacked = [
         Point(steps, jax.tree.map(lambda *leaves: np.stack(leaves), *parameters))
@@ -77,7 +81,7 @@ def respond(planned: Plan) -> str:
         return lambda state, seen, key: act(seen[:, 1 - side], key)[0]
 
     batch = min(256, wanted.fights)
-    fly = flight(combat, side, frozen, responder, batch)
+    fly = flight(combat, side, frozen, responder, batch, shown)
     choice, fresh = jax.random.split(jax.random.key(wanted.seed))
     keys = list(jax.random.split(fresh, -(-wanted.fights // batch)))
     curve = best_so_far(fly, stacked, choice, keys, batch)
@@ -92,8 +96,12 @@ def respond(planned: Plan) -> str:
     return f"brax's ppo: {line(result)}\nwritten to {file}"
 
 
-def trained(combat: Any, side: int, frozen: Any, seed: int) -> tuple[Any, list[int], list[Any]]:
-    """One responder: what makes a policy of parameters, and steps and parameters along its training."""
+def trained(
+    combat: Any, side: int, frozen: Any, shown: str, seed: int
+) -> tuple[Any, list[int], list[Any]]:
+    """One responder: what makes a policy of parameters, and steps and parameters along its training.
+    `shown`: what `frozen` sees, where that is not the game's own.
+    """
     import jax
     from brax.training.agents.ppo import networks as ppo_networks
     from brax.training.agents.ppo import train as ppo
@@ -101,13 +109,14 @@ def trained(combat: Any, side: int, frozen: Any, seed: int) -> tuple[Any, list[i
     from dronecombat_jax.adapters.brax_env import CombatEnv, mend_brax, wrap
     from dronecombat_jax.arena.match import policy_pilot
     from dronecombat_jax.combat.scripted import build_pilot
+    from dronecombat_jax.combat.sensors import view_of
 
     config = combat.config
     learn, train = config.learn, config.train
     pilot = (
         build_pilot(frozen, config, combat.scene, side)
         if isinstance(frozen, str)
-        else policy_pilot(learn, frozen, side)
+        else policy_pilot(learn, frozen, side, view=view_of(config, shown))
     )
     env = CombatEnv(combat, 1 - side, pilot, exploring=True)
     networks = functools.partial(

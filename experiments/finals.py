@@ -61,7 +61,7 @@ def ratings(result: TournamentResult) -> Iterator[list[str]]:
         names = [entrants[index].label for index in scripted(entrants)]
         best = sorted(zip(own[count:], names, strict=True), reverse=True)
         plain = ", ".join(f"`{name}` {rating:.0f}" for rating, name in best)
-        yield [side, spread(own[:count], ".0f"), plain]
+        yield [side, mean_and_range(own[:count], ".0f"), plain]
 
 
 def past(result: TournamentResult) -> Iterator[list[str]]:
@@ -71,7 +71,7 @@ def past(result: TournamentResult) -> Iterator[list[str]]:
         SIDES, ([one.score for one in maps], [1.0 - one.score.T for one in maps]), strict=True
     ):
         least = [np.nanmin(score, axis=1) for score in played]
-        yield [side, spread(np.array([one[-1] - one[:-1].max() for one in least]), "+.2f")]
+        yield [side, mean_and_range(np.array([one[-1] - one[:-1].max() for one in least]), "+.2f")]
 
 
 def finals(entrants: Sequence[Entrant]) -> list[int]:
@@ -84,7 +84,7 @@ def scripted(entrants: Sequence[Entrant]) -> list[int]:
     return [index for index, entrant in enumerate(entrants) if entrant.method == SCRIPTED]
 
 
-def spread(values: NDArray[np.float64], form: str) -> str:
+def mean_and_range(values: NDArray[np.float64], form: str) -> str:
     """Mean, least and most."""
     return f"{values.mean():{form}} ({values.min():{form}} to {values.max():{form}})"
 

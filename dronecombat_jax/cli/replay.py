@@ -50,7 +50,9 @@ class ReplayFlags:
     stochastic: bool = setting(
         False, "draw the actions, as in training, instead of taking their mean"
     )
-    spawn: Literal["as_trained", "fixed", "uniform", "even"] = setting("as_trained", STARTS)
+    spawn: Literal["auto", "as_trained", "fixed", "uniform", "even"] = setting(
+        "auto", f"{STARTS}; auto: even where no pilot is named, else as trained"
+    )
     allow_env_mismatch: bool = setting(
         False, "let policies of another game fly in that of the first"
     )
@@ -66,7 +68,7 @@ def replay(args: Sequence[str]) -> int:
     from dronecombat_jax.watch.flyers import Named
     from dronecombat_jax.watch.recording import Filming
 
-    spawn = "" if given.spawn == "as_trained" else given.spawn
+    spawn = "" if given.spawn == "auto" else given.spawn
     return room.replay(
         Named(
             tuple(words), (given.defender, given.attacker), given.run_seed, given.allow_env_mismatch

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.games import game_of
-from dronecombat_jax.config.starts import with_starts
+from dronecombat_jax.config.starts import AS_TRAINED, with_starts
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.files.atomic import cannot_write, write_atomic
 from dronecombat_jax.report.replay_data import Fight, replay_data
@@ -207,7 +207,8 @@ def _film(crew: Crew, filming: Filming, path: Path) -> int:
 
 def _from(crew: Crew, filming: Filming) -> Filming:
     """What is filmed, from the crew's own starts where no others are asked for."""
-    return filming._replace(spawn=filming.spawn or crew.starts)
+    starts = filming.spawn or crew.starts
+    return filming._replace(spawn="" if starts == AS_TRAINED else starts)
 
 
 def _against(flyers: Sequence[Flyer], alone: bool) -> str:

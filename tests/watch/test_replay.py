@@ -50,6 +50,17 @@ def test_the_last_runs_fights_on_one_page(toy_run: Path, capsys: pytest.CaptureF
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("asked", "starts"), [("", "even starts"), ("as_trained", "starts")])
+def test_without_a_run_shipped_pilots_fly_from_even_starts_or_from_those_asked_for(
+    asked: str, starts: str, toy_run: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (toy_run / "elsewhere").mkdir()
+    monkeypatch.chdir(toy_run / "elsewhere")  # no runs/ there
+    assert room.replay(Named(), Filming(1, spawn=asked), out=Path("first.html")) == 0
+    assert data_in(Path("first.html"))["about"] == f"1 fight, {starts} of seed 0, mean actions"
+
+
+@pytest.mark.long
 def test_show_takes_what_train_returns(toy_run: Path):
     shown = room.show(toy_run, attacker=toy_run, defender="hover")  # paths, as `train` gives them
     assert shown.title == "hover (scripted) defends against toy chunk 2"

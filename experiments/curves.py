@@ -8,7 +8,6 @@ Thick: the mean over seeds; thin: each seed. The runs themselves need not be the
 
 import argparse
 import sys
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import measured
 import variants
 from kept import Kept
+from panels import in_panels
 
 from dronecombat_jax.report.figures import OUTCOMES, ROLE_COLOURS, save_figure
 
@@ -28,8 +28,6 @@ from dronecombat_jax.report.figures import OUTCOMES, ROLE_COLOURS, save_figure
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-COLUMNS = 4
-TITLE = 44  # characters a line
 LINES = {  # of `measured.NAMES`: colour, dashes
     "intercepted": (OUTCOMES["intercept"][1], "-"),
     "reached": (OUTCOMES["reached"][1], "-"),
@@ -52,22 +50,9 @@ def panels(study: variants.Study, kept: Kept) -> list[tuple[str, list[dict[str, 
 
 def draw(shown: Sequence[tuple[str, list[dict[str, Any]]]]) -> Figure:
     """The figure; at least one panel."""
-    columns = min(COLUMNS, len(shown))
-    rows = -(-len(shown) // columns)
-    figure = Figure(figsize=(4.2 * columns, 2.9 * rows + 0.6), layout="constrained")
-    axes = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-    for ax, (title, runs) in zip(axes, shown, strict=False):
-        draw_panel(ax, runs)
-        ax.set_title("\n".join(textwrap.wrap(title, TITLE)), fontsize=9)
-    for ax in axes[len(shown) :]:
-        ax.set_axis_off()
-    figure.supxlabel("environment steps, millions")
-    figure.supylabel("share of ended fights")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper center", ncols=min(5, 2 * columns), frameon=False
+    return in_panels(
+        [title for title, _ in shown], lambda ax, number: draw_panel(ax, shown[number][1])
     )
-    return figure
 
 
 def draw_panel(ax: Axes, runs: Sequence[dict[str, Any]]) -> None:
@@ -83,7 +68,6 @@ def draw_panel(ax: Axes, runs: Sequence[dict[str, Any]]) -> None:
         mean = np.mean([curve[:shortest] for curve in each], axis=0)
         ax.plot(steps_of(mean), mean, color=colour, linestyle=dashes, linewidth=2.0, label=name)
     ax.set_xlim(left=0.0)
-    ax.set_ylim(0.0, 1.0)
     ax.grid(alpha=0.3)
 
 

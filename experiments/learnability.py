@@ -18,18 +18,18 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import measured
+from panels import in_panels
 
+from dronecombat_jax.errors import UserError
 from dronecombat_jax.files import metrics
 from dronecombat_jax.report.figures import OUTCOMES, ROLE_COLOURS
 from dronecombat_jax.types import SIDES
 
 # isort: split
 # After the report, which imports Matplotlib whatever MPLBACKEND names.
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 
 BINS = 80
-COLUMNS = 4
 SHOWN = ("intercept", "attacker_crash", "timeout", "both_crash", "defender_crash", "reached")
 
 
@@ -51,7 +51,10 @@ def main() -> None:
     flags = parser.parse_args()
     pairs = [word.partition("=") for word in flags.runs]
     runs = [(Path(folder), label or Path(folder).name) for folder, _, label in pairs]
-    read = [(label, metrics.read(folder / "metrics.jsonl")) for folder, label in runs]
+    try:
+        read = [(label, metrics.read(folder / "metrics.jsonl")) for folder, label in runs]
+    except UserError as error:
+        parser.exit(error.exit_code, f"error: {error.message}\n")
     if flags.by_seed:
         read = [
             (f"{label}/{seed}", part) for label, records in read for seed, part in by_seed(records)
@@ -85,17 +88,17 @@ def last_tenth(label: str, records: Sequence[dict[str, Any]]) -> str:
         "crash/defender",
         "crash/attacker",
     )
-    shares = " | ".join(f"{_mean(late, name):.2f}" for name in names)
+    shares = " | ".join(f"{measured.mean(late, name):.2f}" for name in names)
     since = measured.fights_from(records)
     begins = "never" if since is None else f"{since / 1e6:.0f} M"
-    return f"| {label} | {end / 1e6:.1f} M | {begins} | {shares} | {_mean(late, 'episode_steps'):.0f} steps |"
+    return f"| {label} | {end / 1e6:.1f} M | {begins} | {shares} | {measured.mean(late, 'episode_steps'):.0f} steps |"
 
 
 def binned(label: str, records: Sequence[dict[str, Any]]) -> Shares:
     """The curves of one run, in `BINS` bins or one for each iteration."""
     groups = np.array_split(np.arange(len(records)), min(BINS, len(records)))
     chosen = [[records[i] for i in group] for group in groups]
-    curve = lambda key: [_mean(group, key) for group in chosen]
+    curve = lambda key: [measured.mean(group, key) for group in chosen]
     return Shares(
         label,
         np.array([group[-1]["steps"] / 1e6 for group in chosen]),
@@ -108,46 +111,25 @@ def draw(runs: Sequence[Shares], path: Path) -> None:
     """One panel a run: how fights end, stacked; the share of fights in which each drone went down,
     dashed.
     """
-    columns = min(COLUMNS, len(runs))
-    rows = -(-len(runs) // columns)
-    figure = Figure(
-        figsize=(4.2 * columns, 2.9 * rows + 0.8 + 0.2 * (COLUMNS - columns)), layout="constrained"
-    )
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-    for ax, run in zip(axes, runs, strict=False):
-        colours = [OUTCOMES[name][1] for name in SHOWN]
-        ax.stackplot(
-            run.steps,
-            run.outcomes,
-            colors=colours,
-            linewidth=0,
-            labels=[OUTCOMES[name][0] for name in SHOWN],
-        )
-        for role, curve in zip(SIDES, run.crashes, strict=True):
-            ax.plot(run.steps, curve, color="black", linewidth=2.2)
-            ax.plot(
-                run.steps, curve, color=ROLE_COLOURS[role], linewidth=1.2, label=f"{role} goes down"
-            )
-        ax.set_title(run.label, fontsize=10)
-        ax.set_xlim(0.0, run.steps[-1])
-        ax.set_ylim(0.0, 1.0)
-    for ax in axes[len(runs) :]:
-        ax.set_axis_off()
-    figure.supxlabel("environment steps, millions")
-    figure.supylabel("share of ended fights")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper center", ncols=2 * columns, frameon=False, fontsize=9
-    )
+    figure = in_panels([run.label for run in runs], lambda ax, number: _draw(ax, runs[number]))
     figure.savefig(path, dpi=110)
 
 
-def _mean(records: Sequence[dict[str, Any]], key: str) -> float:
-    """Mean over the fights that ended in `records`; NaN where none did."""
-    weights = [record["episodes"] for record in records if record[key] is not None]
-    values = [record[key] for record in records if record[key] is not None]
-    return float(np.average(values, weights=weights)) if sum(weights) else float("nan")
+def _draw(ax: Axes, run: Shares) -> None:
+    colours = [OUTCOMES[name][1] for name in SHOWN]
+    ax.stackplot(
+        run.steps,
+        run.outcomes,
+        colors=colours,
+        linewidth=0,
+        labels=[OUTCOMES[name][0] for name in SHOWN],
+    )
+    for role, curve in zip(SIDES, run.crashes, strict=True):
+        ax.plot(run.steps, curve, color="black", linewidth=2.2)
+        ax.plot(
+            run.steps, curve, color=ROLE_COLOURS[role], linewidth=1.2, label=f"{role} goes down"
+        )
+    ax.set_xlim(0.0, run.steps[-1])
 
 
 if __name__ == "__main__":

@@ -181,9 +181,11 @@ class Combat:
         """What a central critic sees [A, 37]: the state itself, without errors of sensors."""
         return self.whole.observe(split(state.qpos, state.qvel), state.target)
 
-    def step(self, state: EnvState, action: jax.Array) -> tuple[EnvState, StepOutput]:
+    def step(
+        self, state: EnvState, action: jax.Array, margin: jax.Array | float = 0.0
+    ) -> tuple[EnvState, StepOutput]:
         """Fly one control step with `action` [A, 4]. Does not reset: a fight that ended must be
-        replaced.
+        replaced. `margin` [] m is added to the intercept radius (`train.strike_margin`).
 
         A state that is not finite ends this fight alone, as a tie with reward 0 (cause DIVERGED),
         at rest where it last was: its final observation is finite and cannot spoil a running mean.
@@ -207,7 +209,8 @@ class Combat:
         drones = split(qpos, qvel)
         clock = state.clock + 1
 
-        events = detect(game, before.position, drones.position, state.target, state.down, clock)
+        places = before.position, drones.position, state.target
+        events = detect(game, *places, state.down, clock, margin)
         lost = forfeit(invalid, self.sides)
         cause = jnp.where(jnp.any(invalid), lost, self.game.judge(game, events))
         diverged: jax.Array = jnp.int32(Cause.DIVERGED)

@@ -42,18 +42,19 @@ def detect(
     target: jax.Array,
     down: jax.Array,
     clock: jax.Array,
+    margin: jax.Array | float = 0.0,
 ) -> Events:
     """Find the events of a control step.
 
     `before`, `after` [A, 3] m: positions at its ends; `target` [3] m; `down` [A] bool: down before
     the step, so neither strikes, is struck nor crashes again; `clock` []: steps flown, this one
-    included.
+    included; `margin` [] m: added to the intercept radius.
     """
     if not game.swept_events:
         before = after
     defence, attack = teams(game)
     apart = lambda place: place[defence][:, None] - place[attack][None]
-    near = closest_approach(apart(before), apart(after)) < game.intercept_radius
+    near = closest_approach(apart(before), apart(after)) < game.intercept_radius + margin
     strikes = near & ~down[defence][:, None] & ~down[attack]
     miss = closest_approach(before[attack] - target, after[attack] - target)
     arrived = (miss < game.reach_radius) & ~down[attack]

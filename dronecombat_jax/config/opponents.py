@@ -180,6 +180,17 @@ def live_part(config: "Config", side: int) -> slice:
     return slice(0, min((place.first for place in taken), default=config.train.num_envs))
 
 
+def strike_margins(config: "Config") -> tuple[float, ...]:
+    """Metres that `train.strike_margin` adds to the intercept radius of each environment; none where
+    it is 0. Where both sides are live, and where past players are drawn for whole chunks, 0.
+    """
+    margin, envs = config.train.strike_margin, range(config.train.num_envs)
+    if not margin:
+        return ()
+    live = [range(config.train.num_envs)[live_part(config, side)] for side in (DEFENDER, ATTACKER)]
+    return tuple(margin * ((env in live[ATTACKER]) - (env in live[DEFENDER])) for env in envs)
+
+
 def learns(config: "Config", side: int) -> bool:
     """Whether `side` is live anywhere."""
     part = live_part(config, side)

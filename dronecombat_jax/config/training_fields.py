@@ -279,6 +279,13 @@ class TrainConfig:
         low=0.0,
         high=1.0,
     )
+    strike_margin: float = setting(
+        0.0,
+        "where one side alone learns, the intercept radius of the training is so much smaller for a defender, larger for an attacker",
+        unit="m",
+        low=0.0,
+        high=10.0,
+    )
     seed: int = setting(0, "first seed", low=0, high=2**31 - 1)
     num_seeds: int = setting(1, "seeds trained side by side: seed, seed + 1, ...", low=1, high=1024)
 

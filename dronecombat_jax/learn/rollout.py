@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.progress import progress
 from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.config.opponents import strike_margins
 from dronecombat_jax.learn.memory import remember, with_recall
 from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import normalize
@@ -52,12 +53,14 @@ def collect(
         noise_key, (steps, num_envs, len(combat.config.game.sides), ACTION_SIZE)
     )
     numbers = combat.exploring_numbers(spawn_key, (steps, num_envs))
+    margins = strike_margins(combat.config)
+    odds = (jnp.asarray(margins),) if margins else ()
 
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
         noise, numbers = random
         observation = jax.vmap(combat.observe)(env)
         action, log_prob, recall = act(learn, policies, observation, noise, env)
-        after, output = jax.vmap(combat.step)(env, action)
+        after, output = jax.vmap(combat.step)(env, action, *odds)
         done = output.terminated | output.truncated
         start = jax.vmap(combat.explore)(numbers, alone)
         transition = _transition(observation, action, log_prob, output, after)

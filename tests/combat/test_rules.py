@@ -141,6 +141,20 @@ def test_only_the_swept_check_sees_what_happens_between_two_samples():
     assert ends["flies through the target"] == ends["head on, past each other"] == "NONE"
 
 
+def test_a_margin_widens_or_narrows_the_reach_of_the_defender_alone():
+    def events(margin: float, *places: tuple[float, float, float]) -> tuple[bool, bool]:
+        stand = np.asarray(places)
+        on_air = np.zeros(2, bool)
+        seen = detect(GameConfig(), stand, stand, np.asarray(TARGET), on_air, np.int32(7), margin)
+        return bool(seen.intercept), bool(seen.reached)
+
+    near = HOME, (0.0, 4.4, 1.0)  # 0.6 m apart
+    assert [events(margin, *near)[0] for margin in (0.0, 0.05, 0.15)] == [False, False, True]
+    near = HOME, (0.0, 4.6, 1.0)
+    assert [events(margin, *near)[0] for margin in (0.0, -0.05, -0.15)] == [True, True, False]
+    assert events(-0.3, HOME, (5.0, 5.0, 0.6)) == (False, True)
+
+
 def test_radii_and_clock_are_settings():
     touch = found(
         GameConfig(intercept_radius=0.1, reach_radius=0.1, crash_altitude=0.05, episode_steps=7)

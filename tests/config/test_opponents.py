@@ -1,5 +1,7 @@
 """The table of opponents: its spelling, its environments, and what does not go with it."""
 
+from dataclasses import replace
+
 import pytest
 
 from dronecombat_jax.config import settings
@@ -16,6 +18,7 @@ from dronecombat_jax.config.opponents import (
     parse,
     places,
     stands_for,
+    strike_margins,
     table,
 )
 from dronecombat_jax.errors import UserError
@@ -128,6 +131,9 @@ def test_environments_are_given_out_in_order_and_each_side_learns_where_it_is_li
         ("past", 48, 64),
     ]
     assert live_part(here, DEFENDER) == slice(24, 64) and live_part(here, ATTACKER) == slice(0, 40)
+    assert strike_margins(here) == ()
+    odds = replace(here, train=replace(here.train, strike_margin=0.125))
+    assert strike_margins(odds) == (0.125,) * 24 + (0.0,) * 16 + (-0.125,) * 24
 
 
 @pytest.mark.parametrize("envs", [7, 10, 63, 64, 1000])

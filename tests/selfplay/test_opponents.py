@@ -19,7 +19,7 @@ from dronecombat_jax.learn.rollout import act, collect, policy_mean, policy_of, 
 from dronecombat_jax.selfplay import opponents, tally
 from dronecombat_jax.selfplay.chunk import reset_fights
 from dronecombat_jax.selfplay.pool import FIXED, NOBODY, choose, init_selfplay
-from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_SIDES, Outcome, Policy
+from dronecombat_jax.types import ATTACKER, DEFENDER, NUM_SIDES, Cause, Outcome, Policy
 
 # Of eight environments: 0 nobody, 1 and 2 a scripted defender, 3 and 4 live, 5 and 6 a past
 # attacker, 7 a frozen one.
@@ -64,6 +64,18 @@ def test_one_program_for_all_and_the_state_keeps_its_types(flown):
     assert len(flown.traces) == 1
     for before, after in zip(*map(jax.tree.leaves, flown.states[-2:]), strict=True):
         assert (before.shape, before.dtype) == (after.shape, after.dtype)
+
+
+def test_who_learns_alone_practises_against_odds():
+    config = with_table(TABLE)
+    config = replace(config, train=replace(config.train, strike_margin=30.0))
+    combat = Coasting(config)
+    env = reset_fights(combat, jnp.uint32(5), jnp.int32(0))
+    keys = jax.random.split(jax.random.key(1))
+    _, rollout = collect(combat, (some_policy(0), some_policy(1)), env, *keys)
+    struck = np.asarray(rollout.cause) == Cause.INTERCEPT  # [T, N]
+    assert np.all(struck[:, 1:3])  # the attacker alone learns: the defender reaches everywhere
+    assert not np.any(struck[:, 5:])  # the defender alone learns, and reaches nobody
 
 
 @pytest.mark.long

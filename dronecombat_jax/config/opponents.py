@@ -181,14 +181,14 @@ def live_part(config: "Config", side: int) -> slice:
 
 
 def strike_margins(config: "Config") -> tuple[float, ...]:
-    """Metres that `train.strike_margin` adds to the intercept radius of each environment; none where
-    it is 0. Where both sides are live, and where past players are drawn for whole chunks, 0.
+    """Metres that are added to the intercept radius of each environment: minus `train.strike_margin` where
+    the defender alone learns, 0 elsewhere and in chunks of past players; none where that is 0.
     """
     margin, envs = config.train.strike_margin, range(config.train.num_envs)
     if not margin:
         return ()
-    live = [range(config.train.num_envs)[live_part(config, side)] for side in (DEFENDER, ATTACKER)]
-    return tuple(margin * ((env in live[ATTACKER]) - (env in live[DEFENDER])) for env in envs)
+    defends, attacks = envs[live_part(config, DEFENDER)], envs[live_part(config, ATTACKER)]
+    return tuple(-margin if env in defends and env not in attacks else 0.0 for env in envs)
 
 
 def learns(config: "Config", side: int) -> bool:

@@ -281,7 +281,7 @@ class TrainConfig:
     )
     strike_margin: float = setting(
         0.0,
-        "where one side alone learns, the intercept radius of the training is so much smaller for a defender, larger for an attacker",
+        "where the defender alone learns, the intercept radius is so much smaller in training: it learns to come nearer than it must",
         unit="m",
         low=0.0,
         high=10.0,

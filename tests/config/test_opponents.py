@@ -133,7 +133,7 @@ def test_environments_are_given_out_in_order_and_each_side_learns_where_it_is_li
     assert live_part(here, DEFENDER) == slice(24, 64) and live_part(here, ATTACKER) == slice(0, 40)
     assert strike_margins(here) == ()
     odds = replace(here, train=replace(here.train, strike_margin=0.125))
-    assert strike_margins(odds) == (0.125,) * 24 + (0.0,) * 16 + (-0.125,) * 24
+    assert strike_margins(odds) == (0.0,) * 40 + (-0.125,) * 24
 
 
 @pytest.mark.parametrize("envs", [7, 10, 63, 64, 1000])

@@ -66,16 +66,17 @@ def test_one_program_for_all_and_the_state_keeps_its_types(flown):
         assert (before.shape, before.dtype) == (after.shape, after.dtype)
 
 
-def test_who_learns_alone_practises_against_odds():
+def test_a_defender_that_learns_alone_has_to_come_nearer():
     config = with_table(TABLE)
+    config = replace(config, game=replace(config.game, intercept_radius=30.0))
     config = replace(config, train=replace(config.train, strike_margin=30.0))
     combat = Coasting(config)
     env = reset_fights(combat, jnp.uint32(5), jnp.int32(0))
     keys = jax.random.split(jax.random.key(1))
     _, rollout = collect(combat, (some_policy(0), some_policy(1)), env, *keys)
     struck = np.asarray(rollout.cause) == Cause.INTERCEPT  # [T, N]
-    assert np.all(struck[:, 1:3])  # the attacker alone learns: the defender reaches everywhere
-    assert not np.any(struck[:, 5:])  # the defender alone learns, and reaches nobody
+    assert np.all(struck[:, 1:5])  # the attacker learns there, too: 30 m reach everybody
+    assert not np.any(struck[:, 5:])
 
 
 @pytest.mark.long

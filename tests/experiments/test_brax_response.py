@@ -33,6 +33,16 @@ def test_braxs_ppo_responds_to_the_attacker_of_a_run(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_pilot_of_the_package_sees_what_it_saw_in_its_training(tmp_path):
+    words = [sys.executable, str(SCRIPT), "pilots:strong-defender-67", "--preset", "responder"]
+    words += ["--steps", "1e4", "--restarts", "1", "--fights", "16"]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (file,) = (tmp_path / "runs" / "exploit").glob("*-brax.json")
+    assert json.loads(file.read_text())["of"] == "pilots:strong-defender-67"
+
+
+@pytest.mark.slow
 def test_a_run_that_is_not_there_is_one_line(tmp_path):
     done = command(tmp_path / "none")
     assert done.returncode == 3 and done.stderr.count("\n") == 1 and "no such run" in done.stderr

@@ -225,8 +225,8 @@ def _cell(lines: Sequence[dict[str, Any]], who: str, kind: str, times: float) ->
 class Flyer:
     """Flies pairs; what they share is read and compiled once."""
 
-    def __init__(self, folders: dict[str, Path], fights: int, seed: int):
-        self.folders, self.fights, self.seed = folders, fights, seed
+    def __init__(self, study: variants.Study, folders: dict[str, Path], fights: int, seed: int):
+        self.study, self.folders, self.fights, self.seed = study, folders, fights, seed
         self._runs: dict[str, Any] = {}
         self._programs: dict[Any, Any] = {}
 
@@ -236,6 +236,14 @@ class Flyer:
         if name not in self._runs:
             self._runs[name] = load_run(self.folders[name])
         return self._runs[name]
+
+    def _game(self, size: tuple[int, int]) -> Any:
+        """The settings in which teams of `size` were trained, or who flies in it for the first time."""
+        from dronecombat_jax.config import settings
+
+        trained = TRAINED_FOR_UNSEEN if size == UNSEEN else size
+        own = [each for each in self.study.variants if each.name.endswith(f"-{spelt(trained)}")]
+        return settings.load(own[0].preset, own[0].settings)
 
     def fly(self, pair: Pair) -> Fights:
         """All fights of a pair."""
@@ -257,7 +265,7 @@ class Flyer:
 
     def _program(self, size: tuple[int, int], scripted: tuple[bool, ...], like: str) -> Any:
         """A compiled function of both sides' policies, a number of `SCRIPTED_OF` in the place of a
-        scripted team; the game is that of the run `like`.
+        scripted team; the game is that of the run `like`, or the study's for this size.
         """
         import jax
         import jax.numpy as jnp
@@ -265,13 +273,11 @@ class Flyer:
         from dronecombat_jax.arena.match import policy_team, record, scripted_team, start_fights
         from dronecombat_jax.combat.env import Combat
         from dronecombat_jax.combat.scripted import one_per_fight
-        from dronecombat_jax.config import settings
         from dronecombat_jax.runs.evaluation import Match, game_flown
 
         if (size, scripted) in self._programs:
             return self._programs[size, scripted]
-        rules = {"game.defenders": size[0], "game.attackers": size[1]}
-        config = self._run(like).config if like else settings.load("duel", rules)
+        config = self._run(like).config if like else self._game(size)
         config = game_flown(config, Match(defenders=size[0], attackers=size[1]))
         combat = Combat(config)
 
@@ -337,13 +343,11 @@ def main() -> int:
         from dronecombat_jax.machine import backend
 
         backend.prepare("cpu")
-        folders = {
-            f"{name}/{seed}": folder
-            for (name, seed), folder in variants.whole(
-                variants.read_study(STUDY), flags.runs
-            ).items()
-        }
-        flyer, known = Flyer(folders, flags.fights, flags.seed), {line["pair"] for line in lines}
+        study = variants.read_study(STUDY)
+        found = variants.whole(study, flags.runs)
+        folders = {f"{name}/{seed}": folder for (name, seed), folder in found.items()}
+        flyer = Flyer(study, folders, flags.fights, flags.seed)
+        known = {line["pair"] for line in lines}
         with KEPT.open("a") as kept:
             for pair in pairs_of(folders):
                 if pair.key in known:

@@ -5,6 +5,9 @@
 import textwrap
 from collections.abc import Callable, Sequence
 
+import dronecombat_jax.report  # noqa: F401 (imports Matplotlib whatever MPLBACKEND names)
+
+# isort: split
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 

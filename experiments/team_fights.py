@@ -238,7 +238,7 @@ class Flyer:
         return self._runs[name]
 
     def _game(self, size: tuple[int, int]) -> Any:
-        """The settings in which teams of `size` were trained, or who flies in it for the first time."""
+        """The study's settings for teams of `size`; for the unseen one, of those that fly in it."""
         from dronecombat_jax.config import settings
 
         trained = TRAINED_FOR_UNSEEN if size == UNSEEN else size

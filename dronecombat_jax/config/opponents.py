@@ -184,11 +184,11 @@ def strike_margins(config: "Config") -> tuple[float, ...]:
     """Metres that are added to the intercept radius of each environment: minus `train.strike_margin` where
     the defender alone learns, 0 elsewhere and in chunks of past players; none where that is 0.
     """
-    margin, envs = config.train.strike_margin, range(config.train.num_envs)
+    margin, envs = config.train.strike_margin, config.train.num_envs
     if not margin:
         return ()
-    defends, attacks = envs[live_part(config, DEFENDER)], envs[live_part(config, ATTACKER)]
-    return tuple(-margin if env in defends and env not in attacks else 0.0 for env in envs)
+    with_attacker = live_part(config, ATTACKER).stop  # in all others somebody sits in its place
+    return (0.0,) * with_attacker + (-margin,) * (envs - with_attacker)
 
 
 def learns(config: "Config", side: int) -> bool:

@@ -54,13 +54,13 @@ def collect(
     )
     numbers = combat.exploring_numbers(spawn_key, (steps, num_envs))
     margins = strike_margins(combat.config)
-    odds = (jnp.asarray(margins),) if margins else ()
+    margin = (jnp.asarray(margins),) if margins else ()
 
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
         noise, numbers = random
         observation = jax.vmap(combat.observe)(env)
         action, log_prob, recall = act(learn, policies, observation, noise, env)
-        after, output = jax.vmap(combat.step)(env, action, *odds)
+        after, output = jax.vmap(combat.step)(env, action, *margin)
         done = output.terminated | output.truncated
         start = jax.vmap(combat.explore)(numbers, alone)
         transition = _transition(observation, action, log_prob, output, after)

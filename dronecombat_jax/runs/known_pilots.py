@@ -1,11 +1,11 @@
-"""Who comes with the package and can meet a frozen policy, and which of them fares best.
+"""Who comes with the package and can meet a frozen policy.
 
 Fresh responders find a way past or they do not; somebody who learnt elsewhere may have one already.
-So a policy's exploitability is at least what the best of both wins. What does not live here: the
-responders (`exploit`).
+So a policy's exploitability is at least what the best of both wins. What does not live here: their
+fights, and the responders (`exploit`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -60,20 +60,3 @@ def known_pilots(combat: Combat, role: int, against: Callable[..., Fly]) -> list
         found.append(Known(path.stem, flights[view], saved.policy))
     plain = [Known(name, against(partial(scripted, name)), ()) for name in PILOTS[role]]
     return [*found, *plain]
-
-
-def best_known(
-    those: Sequence[Known], choice: jax.Array, keys: Sequence[jax.Array], batch: int
-) -> dict[str, Any]:
-    """Who of `those` wins most in the fights of `choice` (of equals the first), and what it wins in
-    those of `keys`, [wins, ties] over all; plain JSON.
-    """
-    each = [known.fly(known.parameters, choice) for known in those]
-    best = max(range(len(those)), key=lambda index: (*each[index], -index))
-    counts = [those[best].fly(those[best].parameters, key) for key in keys]
-    return {
-        "name": those[best].name,
-        "won": sum(won for won, _ in counts),
-        "tied": sum(tied for _, tied in counts),
-        "chosen_by": {one.name: won / batch for one, (won, _) in zip(those, each, strict=True)},
-    }

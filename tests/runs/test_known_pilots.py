@@ -8,7 +8,8 @@ from toy import Coasting
 from dronecombat_jax.combat.scripted import PILOTS
 from dronecombat_jax.config import settings
 from dronecombat_jax.policies import shipped
-from dronecombat_jax.runs.known_pilots import Known, best_known, known_pilots
+from dronecombat_jax.runs.exploit import best_known
+from dronecombat_jax.runs.known_pilots import Known, known_pilots
 from dronecombat_jax.types import ATTACKER, DEFENDER
 
 KEYS = list(jax.random.split(jax.random.key(3), 3))
@@ -44,5 +45,5 @@ def test_the_best_is_chosen_by_its_own_fights_and_counted_in_others():
         Known("good", winning((7, 3), (9, 0), (9, 0)), ()),
     ]
     best = best_known(those, KEYS[0], KEYS[1:], batch=10)
-    assert (best["name"], best["won"], best["tied"]) == ("lucky", 3, 1)
+    assert (best["name"], best["won"][0], best["drawn"]) == ("lucky", 3 / 20, 1 / 20)
     assert best["chosen_by"] == {"lucky": 0.8, "as lucky": 0.8, "good": 0.7}

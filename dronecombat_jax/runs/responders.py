@@ -2,6 +2,7 @@
 
     runs/NAME/exploit/defender-34-x4/              the responders, a run of four seeds
     runs/NAME/exploit/defender-34.safetensors      whom they train against
+    runs/NAME/exploit/defender-34-x4-best.safetensors    the best of them
 
 Responders learn with the settings of the run that is exploited, from nothing, and meet nobody but
 the frozen policy. What does not live here: their fights and the verdict (`exploit`). Needs no JAX.
@@ -65,6 +66,11 @@ class Plan(NamedTuple):
     def result(self) -> Path:
         """The result as JSON; the picture is beside it."""
         return self.folder.path.with_suffix(".json")
+
+    @property
+    def best(self) -> Path:
+        """The policy file of the best responder."""
+        return self.folder.path.with_name(f"{self.folder.path.name}-best{SUFFIX}")
 
 
 def plan(wanted: Wanted) -> Plan:

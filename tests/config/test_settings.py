@@ -24,7 +24,7 @@ def test_no_preset_is_the_defaults():
 
 def test_the_presets_that_come_with_the_package():
     wanted = {"smoke", "duel", "colab", "paper", "literal", "authors", "solo", "fast", "real"}
-    wanted |= {"strong", "responder", "2v1", "2v2", "3v3"}
+    wanted |= {"strong", "league", "responder", "2v1", "2v2", "3v3"}
     assert wanted <= settings.presets().keys()
 
 
@@ -59,6 +59,12 @@ def test_what_the_presets_promise():
         learn=dataclasses.replace(strong.learn, defender_post=0.0),
         selfplay=Config().selfplay,
         train=dataclasses.replace(strong.train, total_steps=responder.train.total_steps),
+    )
+    league = settings.load("league")
+    assert league == dataclasses.replace(
+        strong,
+        selfplay=league.selfplay,
+        train=dataclasses.replace(strong.train, strike_margin=0.15),
     )
     assert (
         duel.game.crash_rule == "out" and duel.train.num_envs * duel.learn.rollout_steps == 24_000

@@ -4,7 +4,7 @@ import numpy as np
 import strangers
 
 from dronecombat_jax.config.fields import LearnConfig
-from dronecombat_jax.types import Cause, Trajectory
+from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, Trajectory
 from dronecombat_jax.watch.flyers import Flyer
 
 STRIKES = {"near": 1.0, "far": 4.0}
@@ -37,6 +37,14 @@ def test_shares_that_end_at_the_target_and_where_the_defender_strikes():
     assert far == ["`far`", "4.0 to 4.0", "0.25", "0.00"]
 
 
-def test_a_scripted_pilot_flies_on_its_side_alone():
-    assert strangers.side_of("goalkeeper") == (0,) and strangers.side_of("dash") == (1,)
-    assert strangers.side_of("runs/duel") == ()
+def test_a_scripted_pilot_and_a_policy_fly_on_their_side_alone():
+    assert strangers.sides_of("goalkeeper") == (0,) and strangers.sides_of("dash") == (1,)
+    assert strangers.sides_of("pilots:strong-attacker-67") == (1,)
+    assert strangers.sides_of("runs/duel") == (0, 1)
+
+
+def test_policies_and_scripted_pilots_are_found_without_a_run():
+    words = [("pilots:strong-defender-67", "ours"), ("dash", "dash"), ("goalkeeper", "goalkeeper")]
+    defenders = strangers.field(words[0][0], words, DEFENDER)
+    assert list(defenders) == ["ours", "goalkeeper"] and defenders["ours"].chunk == 67
+    assert list(strangers.field(words[0][0], words, ATTACKER)) == ["dash"]

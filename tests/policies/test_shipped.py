@@ -112,15 +112,21 @@ def test_the_command_lists_them(folder, capsys):
 
 def test_the_package_holds_ten_policies_a_side_of_each_method_each_with_its_card():
     known, cards = shipped.names(), shipped.cards()
-    assert set(cards) == set(known) and len(known) == 60
+    assert set(cards) == set(known) and len(known) == 86
     methods = {
         "ippo": ("make train-ippo", 20_400_000),
         "sippo": ("make train-sippo", 20_400_000),
         "strong": ("dronecombat train --preset strong", 40_200_000),
+        "league": ("dronecombat train --preset league", 40_200_000),
     }
     for kind in (f"{method}-{side}" for method in methods for side in SIDES):
         chunks = [int(name.rpartition("-")[2]) for name in known if name.startswith(f"{kind}-")]
         assert len(chunks) == 10 and chunks == sorted(chunks) and chunks[0] > 0
+    responders = "dronecombat exploit PILOT --preset responder --budget 40e6"
+    assert [name for name in known if name.startswith("responder")] == [
+        f"responder-attacker-{number}" for number in range(1, 7)
+    ]
+    methods["responder"] = (responders, 40_200_000)
     for name, card in cards.items():
         command, steps = methods[name.partition("-")[0]]
         assert card.low < card.rating < card.high and card.trained == command

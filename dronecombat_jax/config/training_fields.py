@@ -150,6 +150,19 @@ class LearnConfig:
         low=0.0,
         high=1e3,
     )
+    defender_teacher: str = setting(
+        "",
+        "a scripted defender that the defender's policy is drawn to by teacher_scale, such as goalkeeper; empty: nobody",
+    )
+    attacker_teacher: str = setting(
+        "", "a scripted attacker that the attacker's policy is drawn to; empty: nobody"
+    )
+    teacher_scale: float = setting(
+        1.0,
+        "of the loss by which a policy is drawn to its teacher: half the squared distance of their mean actions",
+        low=0.0,
+        high=1e3,
+    )
     settle_share: float = setting(
         0.0,
         "the training's last share, over which the policies settle: max_learning_rate falls to a hundredth, min_log_std to settled_log_std",
@@ -162,6 +175,11 @@ class LearnConfig:
         low=-20.0,
         high=2.0,
     )
+
+    @property
+    def teachers(self) -> tuple[str, str]:
+        """The scripted pilot that each side's policy is drawn to; "": nobody."""
+        return self.defender_teacher, self.attacker_teacher
 
     @property
     def least_log_std(self) -> float:

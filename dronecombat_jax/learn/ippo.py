@@ -90,6 +90,8 @@ def update_learner(
         weight=weight,
         value_weight=value_weight,
     )
+    if learn.teachers[agent] and rollout.lesson is not None:
+        batch = batch._replace(lesson=rollout.lesson[:, :, agent])
     if recurrent:
         batch = batch._replace(recall=recall, fresh=_begins(rollout))
     if learner.critic_scaler is not None:

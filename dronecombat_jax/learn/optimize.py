@@ -161,6 +161,8 @@ def loss(
     )
     entropy = jnp.mean(gaussian_entropy(log_std)) * jnp.any(weight > 0.0)  # the same at every step
     total = policy_loss + learn.value_loss_scale * value_loss - learn.entropy_scale * entropy
+    if batch.lesson is not None:
+        total += learn.teacher_scale * ppo.teacher_loss(mean, batch.lesson, weight)
     clipped = ppo.weighted_mean(jnp.abs(jnp.expm1(log_ratio)) > learn.clip_ratio, weight)
     kl = ppo.approximate_kl(log_ratio, weight)
     return total, (policy_loss, value_loss, entropy, kl, clipped)

@@ -92,6 +92,15 @@ def value_loss(
     return weighted_mean(forms[form](), weight)
 
 
+def teacher_loss(mean: jax.Array, lesson: jax.Array, weight: jax.Array) -> jax.Array:
+    """Half the squared distance of a policy's mean action to its teacher's, both [4, B]; a scalar.
+
+    It is the divergence between Gaussians of deviation 1 about both: kickstarting (Schmitt et al. 2018,
+    arXiv 1803.03835) with a teacher that is no network.
+    """
+    return weighted_mean(0.5 * jnp.sum((mean - lesson) ** 2, axis=0), weight)
+
+
 def approximate_kl(log_ratio: jax.Array, weight: jax.Array) -> jax.Array:
     """Mean of (r - 1) - log r, Schulman's k3 estimate."""
     return weighted_mean(jnp.expm1(log_ratio) - log_ratio, weight)

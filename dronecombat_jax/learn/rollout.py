@@ -8,13 +8,16 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.progress import progress
+from dronecombat_jax.combat.scripted import Pilot, build_pilot
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.opponents import strike_margins
+from dronecombat_jax.errors import UserError
 from dronecombat_jax.learn.memory import remember, with_recall
 from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import normalize
 from dronecombat_jax.types import (
     ACTION_SIZE,
+    SIDES,
     EnvState,
     Learner,
     Policy,
@@ -55,6 +58,7 @@ def collect(
     numbers = combat.exploring_numbers(spawn_key, (steps, num_envs))
     margins = strike_margins(combat.config)
     margin = (jnp.asarray(margins),) if margins else ()
+    teach = teaching(combat)
 
     def fly(env: EnvState, random: tuple[jax.Array, jax.Array]) -> tuple[EnvState, Transition]:
         noise, numbers = random
@@ -65,7 +69,7 @@ def collect(
         start = jax.vmap(combat.explore)(numbers, alone)
         transition = _transition(observation, action, log_prob, output, after)
         more = jax.vmap(functools.partial(progress, combat.config))(env, after, output)
-        transition = transition._replace(progress=more)
+        transition = transition._replace(progress=more, lesson=teach(env, observation))
         if recall is not None:
             after, start = after.replace(recall=recall), with_recall(start, recall.shape[-1])
             transition = transition._replace(recall=env.recall)
@@ -80,6 +84,34 @@ def collect(
         return following, transition
 
     return jax.lax.scan(fly, env, (noise, numbers))
+
+
+def teaching(combat: Combat) -> Callable[[EnvState, jax.Array], jax.Array | None]:
+    """A function from fights [N, ...] and what is observed [N, A, 35] to what each drone's teacher would
+    do, [N, A, 4] within -1 to 1: 0 for drones without one, None where nobody has one.
+
+    UserError for a teacher who is no scripted pilot of that side.
+    """
+    if not any(combat.config.learn.teachers):
+        return lambda *_: None
+    pilots = [_teacher(combat, drone) for drone in range(len(combat.sides))]
+
+    def teach(env: EnvState, observation: jax.Array) -> jax.Array:
+        nothing, unused = jnp.zeros((observation.shape[0], ACTION_SIZE)), jax.random.key(0)
+        each = [pilot(env, observation, unused) if pilot else nothing for pilot in pilots]
+        return jnp.clip(jnp.stack(each, axis=1), -1.0, 1.0)
+
+    return teach
+
+
+def _teacher(combat: Combat, drone: int) -> Pilot | None:
+    side = combat.sides[drone]
+    name = combat.config.learn.teachers[side]
+    try:
+        return build_pilot(name, combat.config, combat.scene, side, drone) if name else None
+    except UserError as error:
+        key = f"learn.{SIDES[side]}_teacher"
+        raise UserError(f"{key} {error.message}", error.exit_code) from None
 
 
 def act(

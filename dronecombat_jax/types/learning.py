@@ -84,6 +84,8 @@ class Transition(NamedTuple):
     final_whole: jax.Array | None = None
     recall: jax.Array | None = None  # [T, N, A, M], what was remembered before the step
     progress: jax.Array | None = None  # [T, N, A] beside the reward; None: nothing
+    # [T, N, A, 4] what the teachers would have done; 0 for drones without one, None: nobody has one
+    lesson: jax.Array | None = None
 
 
 class Batch(NamedTuple):
@@ -101,6 +103,7 @@ class Batch(NamedTuple):
     # Of policies with a GRU alone, whose batch is cut by environments; leading axes [T, N]:
     recall: jax.Array | None = None  # [..., M] what was remembered before the step
     fresh: jax.Array | None = None  # [...] bool, the step is a fight's first, but at the start
+    lesson: jax.Array | None = None  # [..., 4] what its teacher would have done; None: no teacher
 
 
 class UpdateMetrics(NamedTuple):

@@ -64,6 +64,7 @@ def test_what_the_presets_promise():
     assert league == dataclasses.replace(
         strong,
         selfplay=league.selfplay,
+        learn=dataclasses.replace(strong.learn, defender_progress=100.0, defender_post=0.4),
         train=dataclasses.replace(strong.train, strike_margin=0.15),
     )
     assert (

@@ -25,8 +25,7 @@ DIVE_FALL = 7.0  # m/s^2, downwards in the dive
 DIVE_LEAD = 1.1  # its speed over the one that arrives with the fall
 DIVE_COMMITTED = 0.5  # m/s, a descent that fast is the dive
 GUARD_DISTANCE = 2.0  # m from the target, towards the attacker
-KEEPER_DISTANCE = 0.42  # m, as GUARD_DISTANCE
-KEEPER_LOOK = 0.025  # s, so far ahead it looks for the attacker
+SOONEST = 0.05  # s, an arrival of the attacker that a guard reckons with
 NAVIGATION_CONSTANT = 3.0
 
 
@@ -37,11 +36,25 @@ class Stance(NamedTuple):
     braking: float  # m/s^2
     hurry: float  # its speed over the one that gets it there with the attacker
     velocity_gain: float = VELOCITY_GAIN  # 1/s
-    along: float = 0.0  # its speed around the target over the one that keeps it between
+    along: float | None = None  # its speed around the target over the one that keeps it between
+    # the attacker's push over its full thrust, when it reckons when that comes; None: it keeps its speed
+    push: float | None = None
+
+
+class Keeper(NamedTuple):
+    """How a goalkeeper stands."""
+
+    stance: Stance
+    distance: float  # m from the target, as GUARD_DISTANCE
+    look: float  # s, so far ahead it looks for the attacker
 
 
 GUARD = Stance(gain=3.0, braking=12.0, hurry=1.5)
-KEEPER = Stance(gain=2.3, braking=9.8, hurry=0.96, velocity_gain=8.6, along=1.2)
+KEEPER = Keeper(
+    Stance(gain=1.9, braking=11.0, hurry=0.85, velocity_gain=9.3, along=1.1, push=0.94),
+    distance=0.39,
+    look=0.016,
+)
 
 
 class Situation(NamedTuple):
@@ -118,16 +131,16 @@ def hover_guard(
     """Stand on the attacker's way, `distance` m from the target, at it in the end; hurry there if the
     attacker comes first.
     """
-    return _stand(now, now.other_position, distance, GUARD)
+    return _stand(body, now, now.other_position, distance, GUARD)
 
 
-def goalkeeper(body: Airframe, now: Situation) -> jax.Array:
+def goalkeeper(body: Airframe, now: Situation, keeper: Keeper = KEEPER) -> jax.Array:
     """Stand close before the target, on the side of the attacker, and go around the target with it.
 
     So near, it stops whoever comes in on its side (docs/pilots.md). Its numbers were found by experiment.
     """
-    ahead = now.other_position + KEEPER_LOOK * now.other_velocity
-    return _stand(now, ahead, KEEPER_DISTANCE, KEEPER)
+    ahead = now.other_position + keeper.look * now.other_velocity
+    return _stand(body, now, ahead, keeper.distance, keeper.stance)
 
 
 def post(attacker: jax.Array, target: jax.Array, distance: float | jax.Array) -> jax.Array:
@@ -140,7 +153,7 @@ def post(attacker: jax.Array, target: jax.Array, distance: float | jax.Array) ->
 
 
 def _stand(
-    now: Situation, other: jax.Array, distance: float | jax.Array, stance: Stance
+    body: Airframe, now: Situation, other: jax.Array, distance: float | jax.Array, stance: Stance
 ) -> jax.Array:
     """Go to the post, `distance` m from the target towards `other`, and stay there."""
     goal = post(other, now.target, distance)
@@ -149,14 +162,14 @@ def _stand(
     stopping = jnp.minimum(stance.gain * away, jnp.sqrt(2.0 * stance.braking * away))
     incoming = goal - other
     closing = jnp.maximum(dot(now.other_velocity, unit(incoming)), 0.0)
-    hurried = (
-        stance.hurry
-        * away
-        * closing
-        / jnp.maximum(jnp.linalg.norm(incoming, axis=-1, keepdims=True), 0.3)
-    )
+    left = jnp.linalg.norm(incoming, axis=-1, keepdims=True)
+    if stance.push is None:
+        hurried = stance.hurry * away * closing / jnp.maximum(left, 0.3)
+    else:
+        arrival = time_to_go(left, closing, stance.push * body.max_force)
+        hurried = stance.hurry * away / jnp.maximum(arrival, SOONEST)
     wanted = jnp.maximum(stopping, hurried) * unit(way)
-    if stance.along:
+    if stance.along is not None:
         line = other - now.target
         length = jnp.linalg.norm(line, axis=-1, keepdims=True)
         before = jnp.minimum(distance, 0.5 * length)

@@ -14,14 +14,16 @@ const GUARD = {
   look: 0,
 };
 const KEEPER = {
-  distance: 0.42,
-  gain: 2.3,
-  braking: 9.8,
-  hurry: 0.96,
-  velocityGain: 8.6,
-  along: 1.2,
-  look: 0.025,
+  distance: 0.39,
+  gain: 1.9,
+  braking: 11,
+  hurry: 0.85,
+  velocityGain: 9.3,
+  along: 1.1,
+  look: 0.016,
+  push: 0.94,
 };
+const SOONEST = 0.05;
 const NAVIGATION_CONSTANT = 3;
 
 /** `act(drones, target, time) -> action` of the pilot `name` in the place of `role`. */
@@ -36,8 +38,8 @@ export function buildScripted(name, game, role) {
 
 const GUIDANCE = {
   hover: (body, { own }) => scale(-VELOCITY_GAIN, own.velocity),
-  hover_guard: (body, now) => stand(GUARD, now),
-  goalkeeper: (body, now) => stand(KEEPER, now),
+  hover_guard: (body, now) => stand(body, GUARD, now),
+  goalkeeper: (body, now) => stand(body, KEEPER, now),
   pure_pursuit: (body, { own, other }) =>
     rush(body, own.velocity, subtract(other.position, own.position)),
   proportional_navigation: proportionalNavigation,
@@ -72,7 +74,7 @@ function highDive(body, { own, target }) {
 }
 
 /** Go to the post before the target, towards the attacker, and stay there. */
-function stand(stance, { own, other, target }) {
+function stand(body, stance, { own, other, target }) {
   const ahead = add(other.position, scale(stance.look, other.velocity));
   const line = subtract(ahead, target);
   const before = Math.min(stance.distance, 0.5 * length(line));
@@ -82,7 +84,10 @@ function stand(stance, { own, other, target }) {
   const stopping = Math.min(stance.gain * distance, Math.sqrt(2 * stance.braking * distance));
   const incoming = subtract(post, ahead);
   const closing = Math.max(dot(other.velocity, unit(incoming)), 0);
-  const hurried = (stance.hurry * distance * closing) / Math.max(length(incoming), 0.3);
+  const left = length(incoming);
+  const hurried = stance.push
+    ? (stance.hurry * distance) / Math.max(timeToGo(left, closing, stance.push * body.maxForce), SOONEST)
+    : (stance.hurry * distance * closing) / Math.max(left, 0.3);
   const to = scale(Math.max(stopping, hurried), unit(way));
   const around = subtract(other.velocity, scale(dot(other.velocity, unit(line)), unit(line)));
   const along = scale((stance.along * before) / Math.max(length(line), 0.3), around);
@@ -94,14 +99,18 @@ function proportionalNavigation(body, { own, other }) {
   const along = unit(sight);
   const relative = subtract(other.velocity, own.velocity);
   const closing = -dot(relative, along);
-  const root = Math.sqrt(closing ** 2 + 2 * body.maxForce * length(sight));
-  const time = (root - closing) / body.maxForce;
+  const time = timeToGo(length(sight), closing, body.maxForce);
   const up = bodyZ(other.quaternion);
   const lift = Math.min(body.gravity / Math.max(up[2], 1e-3), body.maxForce);
   const turning = subtract(scale(lift, up), [0, 0, body.gravity]);
   const across = (vector) => subtract(vector, scale(dot(vector, along), along));
   const miss = add(scale(1 / Math.max(time, 0.05), across(relative)), scale(0.5, across(turning)));
   return fullThrust(body, along, scale(NAVIGATION_CONSTANT, miss));
+}
+
+/** Seconds until `distance` m are flown, `closing` at m/s now and pushed by `push` m/s^2. */
+function timeToGo(distance, closing, push) {
+  return (Math.sqrt(closing ** 2 + 2 * push * distance) - closing) / push;
 }
 
 /** Full thrust along `way` while the velocity across it dies out. */

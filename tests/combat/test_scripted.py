@@ -192,3 +192,26 @@ def test_an_unknown_name_lists_those_there_are(arena: SimpleNamespace):
     assert error.value.exit_code == 2 and "\n" not in error.value.message
     assert all(name in error.value.message for name in ["kamikaze", *NAMES])
     assert len(set(NAMES)) == len(NAMES)
+
+
+def test_a_goalkeeper_reckons_with_an_attacker_that_speeds_up(body: autopilot.Airframe):
+    """The attacker at rest, 6 m from the target; the keeper 3 m from the target, on the same line."""
+    keeper = guidance.KEEPER
+    push = keeper.stance.push * body.max_force  # pyright: ignore[reportOptionalOperand]
+    at = lambda x: jnp.asarray([[x, 0.0, 1.0]])
+    rest, up = jnp.zeros((1, 3)), jnp.asarray([[0.0, 0.0, 1.0]])
+    now = guidance.Situation(at(3.0), rest, up, at(6.0), rest, up, at(0.0), jnp.zeros(1))
+    wanted = guidance.goalkeeper(body, now)[0]
+    away, arrival = 3.0 - keeper.distance, np.sqrt(2.0 * (6.0 - keeper.distance) / push)
+    speed = max(
+        keeper.stance.hurry * away / arrival,
+        min(keeper.stance.gain * away, np.sqrt(2.0 * keeper.stance.braking * away)),
+    )
+    np.testing.assert_allclose(
+        wanted, [-keeper.stance.velocity_gain * speed, 0.0, 0.0], rtol=1e-4, atol=1e-4
+    )
+    # in time it hurries more than against one that keeps its speed, which is 0 here
+    plain = keeper._replace(stance=keeper.stance._replace(push=None, gain=0.0))
+    hurried = keeper._replace(stance=keeper.stance._replace(gain=0.0))
+    assert not np.any(guidance.goalkeeper(body, now, plain))
+    assert guidance.goalkeeper(body, now, hurried)[0, 0] < 0.0

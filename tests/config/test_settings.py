@@ -64,7 +64,12 @@ def test_what_the_presets_promise():
     assert league == dataclasses.replace(
         strong,
         selfplay=league.selfplay,
-        learn=dataclasses.replace(strong.learn, defender_progress=100.0, defender_post=0.4),
+        learn=dataclasses.replace(
+            strong.learn,
+            defender_progress=100.0,
+            defender_post=0.4,
+            defender_teacher="goalkeeper",
+        ),
         train=dataclasses.replace(strong.train, strike_margin=0.15),
     )
     assert (

@@ -47,12 +47,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 def test_a_fight_of_shipped_pilots_then_a_training_and_its_replay(run: Run):
     place: Path = run.place  # pyright: ignore[reportFunctionMemberAccess]
     shown = run("replay")
-    assert re.search(r"strong-defender-\d+ defends against strong-attacker-\d+", shown)
+    assert re.search(r"league-defender-\d+ defends against strong-attacker-\d+", shown)
     assert (place / "replay.html").stat().st_size < 1.5e6
     run("train", "--preset", "smoke", "--name", "first", "--run.no-video")
     assert "first" in run("replay", "first", "--fights", "2")
     assert (place / "runs" / "first" / "replay.html").is_file()
     assert "ippo-attacker" in run("pilots")
     rated = run("rate", "pilots:ippo-attacker", "--fights", "2").splitlines()[-2:]
-    assert re.match(r"attacker ippo-attacker-\d+: rating 1\d+\.\d, .* of 30$", rated[0])
+    assert re.match(r"attacker ippo-attacker-\d+: rating 1\d+\.\d, .* of 46$", rated[0])
     assert re.search(r"first +finished .* 100 %", run("runs"))

@@ -26,7 +26,7 @@ from dronecombat_jax.types import DEFENDER, SIDES, SidePolicy
 
 ANCHOR_PRESET = "duel"  # the game of scripted pilots alone
 # who flies where there is no run yet: pilots of the package, or where it holds none scripted ones
-FIRST_LOOK = (f"{shipped.PREFIX}strong-defender", f"{shipped.PREFIX}strong-attacker")
+FIRST_LOOK = (f"{shipped.PREFIX}league-defender", f"{shipped.PREFIX}strong-attacker")
 FIRST_STARTS = "even"  # from their own they are no match: the defender wins nearly all fights
 FIRST_OPPONENT = f"{shipped.PREFIX}sippo-defender"  # of a person, who is to have a chance
 SCRIPTED_LOOK = (f"{SCRIPTED_PREFIX}proportional_navigation", f"{SCRIPTED_PREFIX}weave")

@@ -67,7 +67,7 @@ def test_the_first_replay_needs_no_word_and_is_an_even_fight_of_the_strongest(
     monkeypatch.chdir(tmp_path)
     crew = read_crew(Named())
     labels = [re.sub(r"\d+$", "", flyer.label) for flyer in crew.flyers]
-    assert labels == ["strong-defender-", "strong-attacker-"]
+    assert labels == ["league-defender-", "strong-attacker-"]
     assert crew.starts == "even"
     assert read_crew(Named(("pilots:ippo-attacker",), ("hover", ""))).starts == ""
     # a person flies against one that can be beaten
@@ -138,7 +138,7 @@ def test_every_shipped_pilot_flies_in_the_default_game():
     found = find("pilots:all")
     config = settings.load("duel")
     game = environment(config)
-    assert len(found.contenders) == 60 and found.bad == ()
+    assert len(found.contenders) == 86 and found.bad == ()
     for contender in found.contenders:
         assert contender.environment is not None
         assert game_diff(contender.environment, game, config.game) == []

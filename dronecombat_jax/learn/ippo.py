@@ -91,7 +91,7 @@ def update_learner(
         value_weight=value_weight,
     )
     if learn.teachers[agent] and rollout.lesson is not None:
-        batch = batch._replace(lesson=rollout.lesson[:, :, agent])
+        batch = batch._replace(lesson=counted(rollout.lesson[:, :, agent]))
     if recurrent:
         batch = batch._replace(recall=recall, fresh=_begins(rollout))
     if learner.critic_scaler is not None:

@@ -64,7 +64,7 @@ def test_the_wheel_holds_the_pages_scripts_and_their_licence(wheel):
 def test_the_wheel_holds_the_pilots_and_their_cards(wheel):
     files = names(wheel / "dronecombat_jax", "pilots/*")
     others = {f"pilots/{name}.json" for name in ("cards", "ladder", "ladder_even")}
-    assert others <= files and len(files) == 60 + len(others)
+    assert others <= files and len(files) == 86 + len(others)
     assert files == names(ROOT / "dronecombat_jax", "pilots/*")
 
 

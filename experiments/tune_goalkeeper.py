@@ -13,22 +13,23 @@ import itertools
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dronecombat_jax import prepare
-from dronecombat_jax.arena.match import Pilot, fight, policy_team, scripted_team, start_fights
-from dronecombat_jax.combat.autopilot import airframe, attainable, steer
+from dronecombat_jax.arena.match import fight, policy_team, scripted_team, start_fights
+from dronecombat_jax.combat.autopilot import airframe
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.fingerprint import own_view
-from dronecombat_jax.combat.guidance import KEEPER, Keeper, Stance, goalkeeper, situation_of
+from dronecombat_jax.combat.guidance import KEEPER, Keeper, Stance, goalkeeper
+from dronecombat_jax.combat.scripted import Pilot, guided_pilot, names_of
 from dronecombat_jax.config import settings
 from dronecombat_jax.errors import UserError
-from dronecombat_jax.sim.flight import split
-from dronecombat_jax.tournaments.contenders import find
-from dronecombat_jax.types import ATTACKER, DEFENDER, Cause, Drones, EnvState
+from dronecombat_jax.tournaments.contenders import SCRIPTED_PREFIX, find
+from dronecombat_jax.types import ATTACKER, DEFENDER, Cause
 
 KEPT = 0.2  # of a round's candidates
 NAMES = ("distance", "look", "gain", "braking", "hurry", "velocity_gain", "along", "push")
@@ -49,12 +50,16 @@ def keeper_of(numbers: jax.Array) -> Keeper:
     return Keeper(Stance(**named), distance, look)
 
 
+def is_scripted(word: str) -> bool:
+    """Whether a scripted pilot of either side has this name."""
+    return any(word in names_of(role) for role in (DEFENDER, ATTACKER))
+
+
 def shares(combat: Combat, attackers: Sequence[str], fights: int) -> Callable[..., jax.Array]:
     """A compiled function (numbers [8], key) -> share of fights that each attacker is stopped in."""
     config, teams = combat.config, []
     for word in attackers:
-        scripted = "scripted:" + word if "/" not in word and ":" not in word else word
-        (one,) = find(scripted).contenders
+        (one,) = find(SCRIPTED_PREFIX + word if is_scripted(word) else word).contenders
         if one.role != ATTACKER or one.player is None:
             raise UserError(f"{word}: no attacker")
         pilot = one.player.pilot
@@ -67,15 +72,8 @@ def shares(combat: Combat, attackers: Sequence[str], fights: int) -> Callable[..
     body = airframe(config, combat.scene, DEFENDER)
 
     def keeper(numbers: jax.Array) -> Pilot:
-        def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
-            drones = split(state.qpos, state.qvel)
-            own, other = (Drones(*(leaf[:, side] for leaf in drones)) for side in (0, 1))
-            now = situation_of(own, other, state.target, state.clock * config.control_dt)
-            wanted = goalkeeper(body, now, keeper_of(numbers))
-            force = attainable(body, own.position[:, 2], own.velocity[:, 2], wanted)
-            return steer(body, own.quaternion, own.rate, force, None)
-
-        return act
+        law = partial(goalkeeper, keeper=keeper_of(numbers))
+        return guided_pilot(combat.sides, DEFENDER, law, body, config.control_dt)
 
     @jax.jit
     def fly(numbers: jax.Array, key: jax.Array) -> jax.Array:

@@ -44,12 +44,12 @@ def build_pilot(
             drone = sides.index(side) if drone is None else drone
             body = airframe(config, scene, drone)
             if name in PILOTS[side]:
-                return _pilot(sides, drone, PILOTS[side][name], body, config.control_dt)
+                return guided_pilot(sides, drone, PILOTS[side][name], body, config.control_dt)
             if name in TEAMWORK[side]:
                 return _team_pilot(sides, drone, TEAMWORK[side][name], body, config.control_dt)
             other = airframe(config, scene, sides.index(1 - side))
             plan = build_plan(side, config.game, body, other)
-            return _pilot(sides, drone, plan, body, config.control_dt)
+            return guided_pilot(sides, drone, plan, body, config.control_dt)
     roles = PILOTS if role is None else (role,)
     names = "; ".join(f"{SIDES[side]}s: {', '.join(names_of(side))}" for side in roles)
     raise UserError(f"{one_line(name)}: no scripted pilot has this name ({names})")
@@ -72,7 +72,11 @@ def one_per_fight(pilots: Sequence[Pilot], which: jax.Array) -> Pilot:
     return act
 
 
-def _pilot(sides: Sides, drone: int, law: Guidance, body: Airframe, step: float) -> Pilot:
+def guided_pilot(sides: Sides, drone: int, law: Guidance, body: Airframe, step: float) -> Pilot:
+    """The pilot of `drone` that flies what `law` wants, against the opponent it minds; `step`: of its
+    clock, s.
+    """
+
     def act(state: EnvState, observation: jax.Array, key: jax.Array) -> jax.Array:
         drones = split(state.qpos, state.qvel)
         other = _opponent(sides, drone, drones, state.down)

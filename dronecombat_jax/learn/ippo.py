@@ -90,7 +90,7 @@ def update_learner(
         weight=weight,
         value_weight=value_weight,
     )
-    if learn.teachers[agent] and rollout.lesson is not None:
+    if learn.teachers[agent] and learn.teacher_scale and rollout.lesson is not None:
         batch = batch._replace(lesson=counted(rollout.lesson[:, :, agent]))
     if recurrent:
         batch = batch._replace(recall=recall, fresh=_begins(rollout))

@@ -86,7 +86,7 @@ def test_the_policy_comes_nearer_to_its_teacher_and_the_other_side_learns_as_bef
     assert away(taught) < 0.9 * away(plain) and away(taught) < away(untrained(TAUGHT))
     assert_same_bits(select(taught, ATTACKER), select(plain, ATTACKER))
     nothing = learnt(replace(TAUGHT, teacher_scale=0.0))
-    assert away(nothing) == pytest.approx(away(plain), rel=1e-4)
+    assert_same_bits(nothing, plain)
     assert differs(taught, plain)
 
 

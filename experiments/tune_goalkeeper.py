@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -45,7 +46,7 @@ def numbers_of(keeper: Keeper) -> np.ndarray:
 
 def keeper_of(numbers: jax.Array) -> Keeper:
     """The goalkeeper of `numbers` [8], in the order of NAMES."""
-    named = dict(zip(NAMES, numbers, strict=True))
+    named: dict[str, Any] = dict(zip(NAMES, numbers, strict=True))
     distance, look = named.pop("distance"), named.pop("look")
     return Keeper(Stance(**named), distance, look)
 

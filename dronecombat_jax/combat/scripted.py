@@ -7,7 +7,7 @@ names. Not in here: what each one wants (`guidance`, `teamwork`, `planner`), the
 (`autopilot`) and the fights (`arena`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -50,9 +50,19 @@ def build_pilot(
             other = airframe(config, scene, sides.index(1 - side))
             plan = build_plan(side, config.game, body, other)
             return guided_pilot(sides, drone, plan, body, config.control_dt)
-    roles = PILOTS if role is None else (role,)
+    raise _unknown(name, PILOTS if role is None else (role,))
+
+
+def check_teachers(config: Config) -> None:
+    """UserError, which names the setting, for a teacher who is no scripted pilot of its side."""
+    for role, name in enumerate(config.learn.teachers):
+        if name and name not in names_of(role):
+            raise UserError(f"learn.{SIDES[role]}_teacher {_unknown(name, (role,)).message}")
+
+
+def _unknown(name: str, roles: Iterable[int]) -> UserError:
     names = "; ".join(f"{SIDES[side]}s: {', '.join(names_of(side))}" for side in roles)
-    raise UserError(f"{one_line(name)}: no scripted pilot has this name ({names})")
+    return UserError(f"{one_line(name)}: no scripted pilot has this name ({names})")
 
 
 def names_of(role: int) -> tuple[str, ...]:

@@ -8,16 +8,14 @@ import jax.numpy as jnp
 
 from dronecombat_jax.combat.env import Combat
 from dronecombat_jax.combat.progress import progress
-from dronecombat_jax.combat.scripted import Pilot, build_pilot
+from dronecombat_jax.combat.scripted import Pilot, build_pilot, check_teachers
 from dronecombat_jax.config.fields import LearnConfig
 from dronecombat_jax.config.opponents import strike_margins
-from dronecombat_jax.errors import UserError
 from dronecombat_jax.learn.memory import remember, with_recall
 from dronecombat_jax.learn.networks import forward, gaussian_log_prob
 from dronecombat_jax.learn.normalize import normalize
 from dronecombat_jax.types import (
     ACTION_SIZE,
-    SIDES,
     EnvState,
     Learner,
     Policy,
@@ -94,6 +92,7 @@ def teaching(combat: Combat) -> Callable[[EnvState, jax.Array], jax.Array | None
     """
     if not any(combat.config.learn.teachers):
         return lambda *_: None
+    check_teachers(combat.config)
     pilots = [_teacher(combat, drone) for drone in range(len(combat.sides))]
 
     def teach(env: EnvState, observation: jax.Array) -> jax.Array:
@@ -107,11 +106,7 @@ def teaching(combat: Combat) -> Callable[[EnvState, jax.Array], jax.Array | None
 def _teacher(combat: Combat, drone: int) -> Pilot | None:
     side = combat.sides[drone]
     name = combat.config.learn.teachers[side]
-    try:
-        return build_pilot(name, combat.config, combat.scene, side, drone) if name else None
-    except UserError as error:
-        key = f"learn.{SIDES[side]}_teacher"
-        raise UserError(f"{key} {error.message}", error.exit_code) from None
+    return build_pilot(name, combat.config, combat.scene, side, drone) if name else None
 
 
 def act(

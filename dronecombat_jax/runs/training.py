@@ -86,6 +86,10 @@ def _begin(stack: ExitStack, config: Config, fork_of: str | None, chunk: int | N
     source = None if fork_of is None else RunDirectory(run_path(config.run.directory, fork_of))
     forked = None if source is None else fork.fork_start(source, chunk, config)
     frozen = _read_opponents(config)
+    if any(config.learn.teachers):
+        from dronecombat_jax.combat.scripted import check_teachers
+
+        check_teachers(config)
     run = stack.enter_context(claim_run(config.run.directory, config.run.name))
     start = find_start(run, config)
     if start is not None and source is not None:

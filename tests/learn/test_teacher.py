@@ -9,12 +9,13 @@ import pytest
 from toy import CONFIG, UNOPTIMISED, Coasting, assert_same_bits, differs
 
 from dronecombat_jax.combat.scripted import build_pilot
-from dronecombat_jax.config.fields import LearnConfig
+from dronecombat_jax.config.fields import Config, LearnConfig, RunConfig
 from dronecombat_jax.errors import UserError
 from dronecombat_jax.learn import ppo
 from dronecombat_jax.learn.algorithms import learn_from
 from dronecombat_jax.learn.ippo import init_learner
 from dronecombat_jax.learn.rollout import collect, policy_mean, policy_of, select, teaching
+from dronecombat_jax.runs import training
 from dronecombat_jax.selfplay.chunk import reset_fights
 from dronecombat_jax.types import ATTACKER, DEFENDER
 
@@ -103,3 +104,10 @@ def test_a_teacher_that_is_no_scripted_defender_is_one_line(name):
     with pytest.raises(UserError, match=f"^learn.defender_teacher {name}: ") as error:
         teaching(toy(replace(PLAIN, defender_teacher=name)))
     assert "goalkeeper" in error.value.message and "\n" not in error.value.message
+
+
+def test_it_is_said_before_a_run_has_a_folder(tmp_path):
+    run = RunConfig(directory=str(tmp_path / "runs"), name="taught")
+    with pytest.raises(UserError, match=r"^learn.defender_teacher nobody: "):
+        training.train(Config(learn=replace(PLAIN, defender_teacher="nobody"), run=run))
+    assert not (tmp_path / "runs").exists()

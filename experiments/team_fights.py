@@ -83,7 +83,8 @@ def counted(fights: Fights) -> dict[str, Any]:
     length = len(fights.position) - 1
     seconds = np.where(caught, fights.steps, length) * fights.control_dt
     crashed = fights.crashed[-1]
-    strikes = strikes_by(fights)
+    strikes = strikes_of(fights)
+    busy = np.bincount([each.defender for each in strikes], minlength=1)
     return {
         "fights": len(caught),
         "intercepted": float(caught.mean()),
@@ -93,21 +94,42 @@ def counted(fights: Fights) -> dict[str, Any]:
         "mates_touched": touched(fights),
         "seconds": float(seconds.mean()),  # without an interception: to the end of time
         "rho": float(1.0 - seconds.mean() / (length * fights.control_dt)),
-        "busiest": float(strikes.max() / strikes.sum()) if strikes.sum() else None,
+        "busiest": float(busy.max() / busy.sum()) if strikes else None,
+        "by_nearest": float(np.mean([each.was_nearest for each in strikes])) if strikes else None,
+        "mate_away": _mean([each.mate_away for each in strikes]),
         "divided": divided(fights),
     }
 
 
-def strikes_by(fights: Fights) -> NDArray[np.int64]:
-    """How many attackers each defender took out, [D]: the one that was nearest when it happened."""
-    strikes = np.zeros(fights.defenders, int)
-    new = fights.struck[1:, :, fights.defenders :] & ~fights.struck[:-1, :, fights.defenders :]
-    for step, fight, attacker in np.argwhere(new):
-        now = fights.position[step + 1, fight]
-        away = np.linalg.norm(now[: fights.defenders] - now[fights.defenders + attacker], axis=-1)
-        down = (fights.crashed | fights.struck)[step, fight, : fights.defenders]
-        strikes[np.argmin(np.where(down, np.inf, away))] += 1
-    return strikes
+class Strike(NamedTuple):
+    """An attacker is taken out, by the defender that is then the nearest of those that flew."""
+
+    defender: int
+    was_nearest: bool  # of all defenders to this attacker, at the fight's start
+    mate_away: float  # m from the attacker to the nearest other defender that flew; inf: none did
+
+
+def strikes_of(fights: Fights) -> list[Strike]:
+    """Every strike of the fights, by step, fight and attacker."""
+    down = fights.crashed | fights.struck
+    new = down[1:] & ~down[:-1] & fights.struck[1:]
+    found = []
+    for step, fight, attacker in np.argwhere(new[..., fights.defenders :]):
+        at = fights.position[:, fight]
+        away = np.linalg.norm(
+            at[:, : fights.defenders] - at[:, fights.defenders + attacker, None], axis=-1
+        )
+        flew = np.where(down[step, fight, : fights.defenders], np.inf, away[step + 1])
+        defender = int(np.argmin(flew))
+        mate = float(np.min(np.delete(flew, defender), initial=np.inf))
+        found.append(Strike(defender, bool(np.argmin(away[0]) == defender), mate))
+    return found
+
+
+def _mean(values: Iterable[float]) -> float | None:
+    """Of those that are finite; None: there are none."""
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.mean(finite)) if finite else None
 
 
 def touched(fights: Fights) -> float:
@@ -189,6 +211,8 @@ def tables(lines: Sequence[dict[str, Any]]) -> str:
         "seconds": ("seconds", 1.0),
         "rho": ("rho", 1.0),
         "busiest": ("strikes of the busiest, %", 100.0),
+        "by_nearest": ("by the one nearest at the start, %", 100.0),
+        "mate_away": ("next mate from the struck, m", 1.0),
         "divided": ("every attacker minded, % of steps", 100.0),
     }
     heads = ["defenders v attackers", "defenders", *(text for text, _ in kinds.values())]

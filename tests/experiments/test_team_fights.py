@@ -34,12 +34,18 @@ def test_what_is_counted():
     assert (counts["defenders_crashed"], counts["attackers_crashed"]) == (0.25, 0.0)
     assert counts["mates_touched"] == 0.5
     assert counts["seconds"] == 2.0 and counts["rho"] == 0.0  # the last step, and never
-    assert counts["busiest"] == 1.0
+    assert counts["busiest"] == 1.0 and counts["by_nearest"] == 1.0
+    assert counts["mate_away"] == 7.5  # 9 m and 6 m: the first one stays where it is
 
 
 def test_the_work_is_shared_by_whom_it_was_nearest_to():
     fights = planted()
-    np.testing.assert_array_equal(team_fights.strikes_by(fights), [0, 2])
+    assert team_fights.strikes_of(fights) == [(1, True, 9.0), (1, True, 6.0)]
+    fights.position[0, 0, 0, 0] = 8.5  # nearest to both at the start
+    assert team_fights.strikes_of(fights) == [(1, False, 9.0), (1, False, 6.0)]
+    fights.crashed[2:, 0, 0] = True  # by the second strike nobody else flies
+    assert team_fights.strikes_of(fights)[1] == (1, False, np.inf)
+    fights = planted()
     # The first fight counts until its first strike: all four fly in steps 0 and 1, the defenders
     # nearest to the same attacker. In the second both defenders mind the attacker that is near.
     assert team_fights.divided(fights) == 0.0

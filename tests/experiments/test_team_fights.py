@@ -41,7 +41,7 @@ def test_what_is_counted():
 def test_the_work_is_shared_by_whom_it_was_nearest_to():
     fights = planted()
     assert team_fights.strikes_of(fights) == [(1, True, 9.0), (1, True, 6.0)]
-    fights.position[0, 0, 0, 0] = 8.5  # nearest to both at the start
+    fights.position[0, 0, 0, 0] = 6.9  # nearest to both at the start
     assert team_fights.strikes_of(fights) == [(1, False, 9.0), (1, False, 6.0)]
     fights.crashed[2:, 0, 0] = True  # by the second strike nobody else flies
     assert team_fights.strikes_of(fights)[1] == (1, False, np.inf)

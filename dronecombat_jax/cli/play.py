@@ -18,7 +18,7 @@ class PlayFlags:
 
     Before the flags, the opponent: a RUN (its folder, or its name in runs/), RUN:CHUNK, a policy
     file (.safetensors), scripted:NAME or pilots:NAME; without any the last run, or where there is
-    none yet a scripted defender. Such as
+    none yet a defender that comes with the package. Such as
 
         dronecombat play ippo
         dronecombat play ippo:12 --side defender

@@ -56,7 +56,7 @@ print(*banner(), f"sizes     {SIZES}", sep="\n")
 # ## Train
 #
 # The `smoke` preset proves in seconds that everything runs; its pilots learn nothing. `colab` trains eight seeds at
-# once on a GPU. On two cores, `dronecombat train` (preset `duel`) takes about a quarter of an hour in a terminal.
+# once on a GPU. On two cores, `dronecombat train` (preset `duel`) takes about six minutes in a terminal.
 #
 # **After a disconnect, run all cells again.** A run is known by its name, every chunk is saved, and the same call
 # goes on from the last one. On Colab a lost machine takes its files along: mount a drive and change to it first

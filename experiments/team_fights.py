@@ -6,8 +6,8 @@ docs/teams.md.
 
 Takes the final policies of studies/teams.toml that are trained, scripted teams beside them, and flies
 every pair from the same starts at rest, in the size that they were trained in; and what was trained
-in the largest size also as four against two, which nobody was trained for. What was
-counted is kept in studies/team_fights.jsonl, a line a pair; a pair that is there is not flown again.
+in the largest size also as four against two, which nobody was trained for. What was counted is kept
+in studies/team_fights.jsonl, a line a pair; a pair that is there is not flown again.
 `--table` prints the tables of what is kept.
 
 A run's defenders do not meet attackers of its own seed, of whatever method, so that all methods'
@@ -95,7 +95,7 @@ def counted(fights: Fights) -> dict[str, Any]:
         "seconds": float(seconds.mean()),  # without an interception: to the end of time
         "rho": float(1.0 - seconds.mean() / (length * fights.control_dt)),
         "busiest": float(busy.max() / busy.sum()) if strikes else None,
-        "by_nearest": float(np.mean([each.was_nearest for each in strikes])) if strikes else None,
+        "by_nearest": _mean([each.was_nearest for each in strikes]),
         "mate_away": _mean([each.mate_away for each in strikes]),
         "divided": divided(fights),
     }
@@ -186,20 +186,24 @@ def _seed(name: str) -> str | None:
 
 def tables(lines: Sequence[dict[str, Any]]) -> str:
     """All tables, Markdown."""
-    by_size = {
-        spelt(size): [x for x in lines if x["size"] == spelt(size)] for size in (*SIZES, UNSEEN)
+    sizes = [spelt(size) for size in (*SIZES, UNSEEN)]
+    trained = [x for x in lines if _seed(x["attacker"]) is not None]
+    attackers = {
+        "trained attackers": trained,
+        "scripted attackers": [x for x in lines if x["attacker"] in ATTACKERS],
+        **{f"`{name}`": [x for x in lines if x["attacker"] == name] for name in ATTACKERS},
     }
     columns = [*METHODS, *SCRIPTED]
     heads = [*METHODS.values(), *SCRIPTED.values()]
     parts = []
-    for title, learned in (("trained attackers", True), ("scripted attackers", False)):
+    for title, met in attackers.items():
         rows = [
             markdown_row(["defenders v attackers", *heads]),
             markdown_row(["---"] * (1 + len(heads))),
         ]
-        for size, own in by_size.items():
-            met = [x for x in own if (_seed(x["attacker"]) is not None) == learned]
-            cells = [_cell(met, who, "intercepted", 100.0) for who in columns]
+        for size in sizes:
+            own = [x for x in met if x["size"] == size]
+            cells = [_cell(own, who, "intercepted", 100.0) for who in columns]
             rows.append(
                 markdown_row([size + (" (unseen)" if size == spelt(UNSEEN) else ""), *cells])
             )
@@ -217,10 +221,10 @@ def tables(lines: Sequence[dict[str, Any]]) -> str:
     }
     heads = ["defenders v attackers", "defenders", *(text for text, _ in kinds.values())]
     rows = [markdown_row(heads), markdown_row(["---"] * len(heads))]
-    for size, own in by_size.items():
-        met = [x for x in own if _seed(x["attacker"]) is not None]
+    for size in sizes:
+        own = [x for x in trained if x["size"] == size]
         for who, title in {**METHODS, **SCRIPTED}.items():
-            cells = [_cell(met, who, kind, times) for kind, (_, times) in kinds.items()]
+            cells = [_cell(own, who, kind, times) for kind, (_, times) in kinds.items()]
             rows.append(markdown_row([size, title, *cells]))
     parts.append("\n".join(["The same fights against trained attackers:", "", *rows]))
     return "\n\n".join(parts)

@@ -91,7 +91,8 @@ print(observation.shape, reward.shape, "ended:", int((terminated | truncated).su
 # %% [markdown]
 # ## Their PPO
 #
-# Two networks of 256 and 128 with ELU, as the paper's (preset `duel` has 64 and 64); actions near hover and little noise at first, as preset `duel` begins.
+# Two networks of 256 and 128 with ELU, as the paper's (preset `duel` has 64 and 64); actions near hover and little
+# noise at first, as preset `duel` begins.
 
 # %%
 import torch

@@ -77,6 +77,9 @@ def test_the_tables_have_a_mean_over_seeds_and_its_interval():
     text = team_fights.tables(lines)
     # a standard error of 0.1 / sqrt(3) by a t of 4.303 with two degrees of freedom
     assert "| 2v2 | 50 ± 25 |  |  |  |" in text and "| 4v2 (unseen) |" in text
+    against = [line | {"attacker": "pincer", "intercepted": 0.25} for line in lines[:1]]
+    pincer, decoy = team_fights.tables([*lines, *against]).split("`pincer`:")[1].split("`decoy`:")
+    assert "| 2v2 | 25 |  |  |  |" in pincer and "| 2v2 |  |  |  |  |" in decoy
 
 
 @pytest.mark.slow

@@ -6,8 +6,8 @@ docs/teams.md.
 
 Takes the final policies of studies/teams.toml that are trained, scripted teams beside them, and flies
 every pair from the same starts at rest, in the size that they were trained in; and what was trained
-in the largest size also as four against two, which nobody was trained for. What was counted is kept
-in studies/team_fights.jsonl, a line a pair; a pair that is there is not flown again.
+in the largest size also with one defender more than that, which nobody was trained for. What was
+counted is kept in studies/team_fights.jsonl, a line a pair; a pair that is there is not flown again.
 `--table` prints the tables of what is kept.
 
 A run's defenders do not meet attackers of its own seed, of whatever method, so that all methods'
@@ -34,9 +34,9 @@ from measured import markdown_row
 
 STUDY = Path(__file__).parent / "studies" / "teams.toml"
 KEPT = STUDY.with_name("team_fights.jsonl")
-SIZES = ((1, 1), (2, 1), (2, 2), (3, 3))  # defenders, attackers
+SIZES = ((1, 1), (2, 1), (2, 2), (3, 2))  # defenders, attackers
 UNSEEN = (4, 2)
-TRAINED_FOR_UNSEEN = (3, 3)
+TRAINED_FOR_UNSEEN = (3, 2)
 METHODS = {"ippo": "IPPO", "mappo": "MAPPO", "strong": "strong"}
 SCRIPTED = {"assigned_navigation": "navigation, assigned"}  # of the defenders
 ATTACKERS = ("dash", "weave", "pincer", "decoy")
@@ -71,7 +71,7 @@ class Fights(NamedTuple):
 
 
 def spelt(size: tuple[int, int]) -> str:
-    """Such as 3v3."""
+    """Such as 3v2."""
     return f"{size[0]}v{size[1]}"
 
 

@@ -57,14 +57,14 @@ def test_a_run_meets_no_attacker_of_its_own_seed():
     runs = [
         f"{method}-{size}/{seed}"
         for method in ("ippo", "mappo")
-        for size in ("2v2", "3v3")
+        for size in ("2v2", "3v2")
         for seed in (0, 1)
     ]
     pairs = team_fights.pairs_of(runs)
     of = lambda size, who: {p.attacker for p in pairs if p.size == size and p.defender == who}
     assert of((2, 2), "ippo-2v2/0") == {"ippo-2v2/1", "mappo-2v2/1", *team_fights.ATTACKERS}
-    assert of((4, 2), "mappo-3v3/1") == {"ippo-3v3/0", "mappo-3v3/0", *team_fights.ATTACKERS}
-    assert len(of((3, 3), "assigned_navigation")) == 4 + len(team_fights.ATTACKERS)
+    assert of((4, 2), "mappo-3v2/1") == {"ippo-3v2/0", "mappo-3v2/0", *team_fights.ATTACKERS}
+    assert len(of((3, 2), "assigned_navigation")) == 4 + len(team_fights.ATTACKERS)
     assert len({pair.key for pair in pairs}) == len(pairs)
 
 
@@ -88,7 +88,7 @@ def test_scripted_teams_of_every_size_and_runs_that_are_there(tmp_path, monkeypa
     study = variants.read_study(team_fights.STUDY)
     root = tmp_path / "teams"
     for variant in study.variants:
-        if variant.name != "ippo-3v3":
+        if variant.name != "ippo-3v2":
             continue
         for seed in (0, 1):
             small = {"train.num_envs": 60, "learn.rollout_steps": 4, "train.chunk_iterations": 2}
@@ -100,8 +100,8 @@ def test_scripted_teams_of_every_size_and_runs_that_are_there(tmp_path, monkeypa
     assert team_fights.main() == 0
     kept = (tmp_path / "kept.jsonl").read_text()
     lines = [json.loads(line) for line in kept.splitlines()]
-    assert {line["size"] for line in lines} == {"1v1", "2v1", "2v2", "3v3", "4v2"}
-    assert len([line for line in lines if line["defender"] == "ippo-3v3/0"]) == 2 * (1 + 4)
+    assert {line["size"] for line in lines} == {"1v1", "2v1", "2v2", "3v2", "4v2"}
+    assert len([line for line in lines if line["defender"] == "ippo-3v2/0"]) == 2 * (1 + 4)
     assert "| 4v2 (unseen) |" in capsys.readouterr().out
     assert team_fights.main() == 0  # nothing is flown twice
     assert (tmp_path / "kept.jsonl").read_text() == kept

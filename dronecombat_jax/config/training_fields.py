@@ -175,6 +175,12 @@ class LearnConfig:
         low=-20.0,
         high=2.0,
     )
+    average_share: float = setting(
+        0.0,
+        "the training's last share, whose policies are averaged, weight by weight: their mean is the final policy (0: the last one)",
+        low=0.0,
+        high=1.0,
+    )
 
     @property
     def teachers(self) -> tuple[str, str]:

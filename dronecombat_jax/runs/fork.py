@@ -95,16 +95,19 @@ def forked_state(start: Start, config: Config, combat: "Combat") -> "TrainState"
     import jax
 
     from dronecombat_jax.combat.fingerprint import MET
+    from dronecombat_jax.learn.settle import first_mean
     from dronecombat_jax.selfplay.chunk import init_state
 
     state = restored_state(start, config, combat)
-    if jax.eval_shape(lambda: init_state(combat)).selfplay is None:
+    template = jax.eval_shape(lambda: init_state(combat))
+    if template.selfplay is None:
         state = state.replace(selfplay=None)
+    if (template.mean is None) != (state.mean is None):
+        state = state.replace(mean=first_mean(config, state.learners))
     changed = {key for key, *_ in settings.diff(start.config, config)}
     reshaped = [key for key in SHAPES if key in changed]
     anew = any(key.startswith(MET) for key in changed)
     kept = lambda whole: whole.replace(env=None) if anew else whole
-    template = jax.eval_shape(lambda: init_state(combat))
     match_template(
         kept(template),
         leaves_of(flatten(kept(state))),

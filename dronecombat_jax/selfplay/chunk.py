@@ -22,7 +22,7 @@ from dronecombat_jax.config.opponents import learns
 from dronecombat_jax.learn.algorithms import learn_from, new_learner, without
 from dronecombat_jax.learn.memory import recall_size, with_recall
 from dronecombat_jax.learn.rollout import Policies, collect
-from dronecombat_jax.learn.settle import settled
+from dronecombat_jax.learn.settle import averaged, first_mean, settled
 from dronecombat_jax.learn.sharding import along_environments
 from dronecombat_jax.selfplay import opponents, tally
 from dronecombat_jax.selfplay.mesh import over_seeds
@@ -80,6 +80,7 @@ def init_state(combat: Combat) -> TrainState:
             seed=seed,
             iteration=jnp.zeros((), jnp.int32),
             selfplay=init_selfplay(combat.config, learners),
+            mean=first_mean(combat.config, learners),
         )
 
     return jax.lax.map(init_seed, seeds)
@@ -176,7 +177,8 @@ def advance_iteration(
     )
     selfplay, met = count_fights(config, state.selfplay, rollout, at_each_step)
     metrics = summarize(config, together, at_their_steps, updates, selfplay)._replace(met=met)
-    state = state.replace(learners=learners, env=env, flown=flown, selfplay=selfplay)
+    mean, learners = averaged(config, state.mean, learners, state.iteration)
+    state = state.replace(learners=learners, env=env, flown=flown, selfplay=selfplay, mean=mean)
     return state.replace(iteration=state.iteration + 1), metrics
 
 

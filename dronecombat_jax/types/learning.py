@@ -196,3 +196,5 @@ class TrainState(struct.PyTreeNode):
     seed: jax.Array  # [] uint32
     iteration: jax.Array  # [] int32, iterations done
     selfplay: SelfPlay | None = None  # None: probability 0 (IPPO)
+    # each leaf [L, ...], mean of the policies in `learn.average_share` so far; None: nothing is averaged
+    mean: Policy | None = None

@@ -16,6 +16,7 @@ from dronecombat_jax.config.schema import shown
 from dronecombat_jax.errors import EXIT_CONFIG, EXIT_DATA, UserError
 from dronecombat_jax.files import checkpoint
 from dronecombat_jax.files.rundir import RunDirectory
+from dronecombat_jax.learn.rollout import policy_of
 from dronecombat_jax.runs import fork
 from dronecombat_jax.runs.provenance import describe
 from dronecombat_jax.runs.resume import Start
@@ -84,6 +85,16 @@ def test_what_changes_is_listed_and_the_rest_of_the_state_is_kept(parent):
     )
     if state.selfplay is not None and state.selfplay.pools[1] is not None:
         assert state.selfplay.pools[1].wins.shape == (1, config.num_chunks)
+
+
+def test_a_fork_may_average_its_last_policies_and_one_of_it_may_stop(parent):
+    averaging = change(parent.config, "learn.average_share", 0.5)
+    _, state = forked(parent, averaging)
+    assert_same_bits(state.mean, policy_of(state.learners))
+    assert_same_bits(state.replace(mean=None), parent.newest)
+    checkpoint.save(parent.run.checkpoints, 3 * CHUNK, state, describe(averaging, 3 * CHUNK))
+    assert_same_bits(forked(parent, averaging)[1], state)
+    assert forked(parent, parent.config)[1].mean is None
 
 
 def test_a_new_seed_and_a_new_learning_rate_are_taken_over(parent):

@@ -150,12 +150,13 @@ def test_name_seed_and_length_are_not_in_the_program(start):
     assert text(other) == text(CONFIG)
 
 
-def test_where_learning_settles_the_length_is_in_the_key(start):
+@pytest.mark.parametrize("share", ["settle_share", "average_share"])
+def test_where_learning_ends_otherwise_the_length_is_in_the_key(start, share):
     def key(config: Config, steps: int) -> str:
         train = replace(config.train, total_steps=steps)
         return lowered._key(replace(config, train=train), start.state, None)
 
-    settling = replace(CONFIG, learn=replace(CONFIG.learn, settle_share=0.5))
+    settling = replace(CONFIG, learn=replace(CONFIG.learn, **{share: 0.5}))
     assert key(CONFIG, 400) == key(CONFIG, 800)
     assert key(settling, 400) != key(settling, 800)
 

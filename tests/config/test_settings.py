@@ -68,6 +68,7 @@ def test_what_the_presets_promise():
             strong.learn,
             defender_progress=100.0,
             defender_post=0.4,
+            average_share=0.15,
             defender_teacher="goalkeeper",
         ),
         train=dataclasses.replace(strong.train, strike_margin=0.15),

@@ -1,5 +1,5 @@
-"""How learning settles at the end of a training: smaller steps, less exploration (`learn.settle_share`),
-the mean of the last policies (`learn.average_share`).
+"""How learning settles at the end of a training: smaller steps and less exploration
+(`learn.settle_share`), and the mean of the last policies as the final one (`learn.average_share`).
 
 In self-play neither side stands still for the other: with a rate that never falls the last policy is
 one of many that circle about each other, and no better than those before it. A rate that falls lets
@@ -45,11 +45,11 @@ def first_mean(config: Config, learners: Learners) -> Policy | None:
 def averaged(
     config: Config, mean: Policy | None, learners: Learners, iteration: jax.Array
 ) -> tuple[Policy | None, Learners]:
-    """The mean with the policies of `iteration` in it, and the learners, both [L, ...]: after the
-    last iteration these fly the mean from now on, until then what they learnt.
+    """The mean with the policies of `iteration` in it, and the learners, both [L, ...].
 
-    Every policy of the last `learn.average_share` of all iterations counts the same. It is an
-    ordinary policy: it is in the last checkpoint, and a run that goes on learns from it.
+    Every policy of the last `learn.average_share` of all iterations counts the same. The learners
+    are returned as they are, but after the last iteration: then the mean takes the place of their
+    policies. So it is in the last checkpoint, and a run that goes on learns from there.
     """
     if mean is None:
         return None, learners

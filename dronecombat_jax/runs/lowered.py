@@ -102,13 +102,14 @@ def _kept(
 def _key(config: Config, state: Any, mesh: "jax.sharding.Mesh | None", constants: str = "") -> str:
     """A digest of what a program depends on besides files.
 
-    A run's name and seed are not in it, nor its length unless learning ends otherwise than it goes on (`learn.settle`).
+    A run's name and seed are not in it, nor its length unless something depends on how far its end
+    is (`learn.settle`).
     """
     import jax
 
     run = replace(RunConfig(), seeds_at_once=config.run.seeds_at_once)
-    ends = config.learn.settle_share > 0.0 or config.learn.average_share > 0.0
-    length = config.train.total_steps if ends else 1
+    settles = config.learn.settle_share > 0.0 or config.learn.average_share > 0.0
+    length = config.train.total_steps if settles else 1
     train = replace(config.train, seed=0, total_steps=length)
     leaves, structure = jax.tree.flatten(state)
     parts = (

@@ -151,7 +151,7 @@ def test_name_seed_and_length_are_not_in_the_program(start):
 
 
 @pytest.mark.parametrize("share", ["settle_share", "average_share"])
-def test_where_learning_ends_otherwise_the_length_is_in_the_key(start, share):
+def test_where_learning_settles_or_is_averaged_the_length_is_in_the_key(start, share):
     def key(config: Config, steps: int) -> str:
         train = replace(config.train, total_steps=steps)
         return lowered._key(replace(config, train=train), start.state, None)

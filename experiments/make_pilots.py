@@ -24,8 +24,8 @@ BITS = 11  # significant
 COMMANDS = {
     "ippo": "make train-ippo",
     "sippo": "make train-sippo",
-    "strong": "dronecombat train --preset strong",
-    "league": "dronecombat train --preset league",
+    "strong": "experiments/variants.py experiments/studies/strength.toml --only strong-untaught",
+    "league": "experiments/variants.py experiments/studies/strength.toml --only league-last",
     "responder": "dronecombat exploit PILOT --preset responder --budget 40e6",
 }
 

@@ -53,26 +53,21 @@ def test_what_the_presets_promise():
     only_more = {"total_steps": 48_000_000, "chunk_iterations": 50, "num_seeds": 8}
     assert colab == dataclasses.replace(duel, train=dataclasses.replace(duel.train, **only_more))
     strong, responder = settings.load("strong"), settings.load("responder")
+    alone = {"defender_post": 0.0, "defender_teacher": "", "average_share": 0.0}
     assert responder == dataclasses.replace(
         strong,
         game=dataclasses.replace(strong.game, observation="engagement"),
-        learn=dataclasses.replace(strong.learn, defender_post=0.0),
+        learn=dataclasses.replace(strong.learn, defender_progress=30.0, **alone),
         selfplay=Config().selfplay,
-        train=dataclasses.replace(strong.train, total_steps=responder.train.total_steps),
-    )
-    league = settings.load("league")
-    assert league == dataclasses.replace(
-        strong,
-        selfplay=league.selfplay,
-        learn=dataclasses.replace(
-            strong.learn,
-            defender_progress=100.0,
-            defender_post=0.4,
-            average_share=0.15,
-            defender_teacher="goalkeeper",
+        train=dataclasses.replace(
+            strong.train, total_steps=responder.train.total_steps, strike_margin=0.0
         ),
-        train=dataclasses.replace(strong.train, strike_margin=0.15),
     )
+    assert (strong.learn.defender_teacher, strong.learn.average_share) == ("goalkeeper", 0.15)
+    assert "pilots:" not in strong.selfplay.opponents
+    league = settings.load("league")
+    assert league == dataclasses.replace(strong, selfplay=league.selfplay)
+    assert "pilots:responder-attacker-6" in league.selfplay.opponents
     assert (
         duel.game.crash_rule == "out" and duel.train.num_envs * duel.learn.rollout_steps == 24_000
     )

@@ -113,11 +113,12 @@ def test_the_command_lists_them(folder, capsys):
 def test_the_package_holds_ten_policies_a_side_of_each_method_each_with_its_card():
     known, cards = shipped.names(), shipped.cards()
     assert set(cards) == set(known) and len(known) == 86
+    study = "experiments/variants.py experiments/studies/strength.toml --only"
     methods = {
         "ippo": ("make train-ippo", 20_400_000),
         "sippo": ("make train-sippo", 20_400_000),
-        "strong": ("dronecombat train --preset strong", 40_200_000),
-        "league": ("dronecombat train --preset league", 40_200_000),
+        "strong": (f"{study} strong-untaught", 40_200_000),
+        "league": (f"{study} league-last", 40_200_000),
     }
     for kind in (f"{method}-{side}" for method in methods for side in SIDES):
         chunks = [int(name.rpartition("-")[2]) for name in known if name.startswith(f"{kind}-")]
